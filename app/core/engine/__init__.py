@@ -1,0 +1,7 @@
+"""The fold: ``advance(state, observation, site, params) -> (state, outputs)``."""
+
+from app.core.engine.order import OrderKey, event_time_s, order_key
+from app.core.engine.pipeline import advance, finish, start
+from app.core.engine.state import SessionState
+
+__all__ = ["OrderKey", "SessionState", "advance", "event_time_s", "finish", "order_key", "start"]

@@ -1,0 +1,61 @@
+"""The one order in which a session's observations are folded, however they arrived."""
+
+import hashlib
+from typing import TypeAlias
+
+from app.core.types import (
+    Barometer,
+    BleScan,
+    ImuBlock,
+    Observation,
+    Pedometer,
+    Steps,
+    Truth,
+    WifiScan,
+)
+
+OrderKey: TypeAlias = tuple[float, int, bytes]
+
+# At equal times motion comes before scans: a scan then meets the prediction it belongs to.
+_RANK: dict[type, int] = {
+    Truth: 0,
+    Barometer: 1,
+    ImuBlock: 2,
+    Pedometer: 3,
+    Steps: 4,
+    BleScan: 5,
+    WifiScan: 6,
+}
+
+
+def order_key(observation: Observation) -> OrderKey:
+    """Return the sort key: event time, then kind, then a digest of the content.
+
+    Equal keys mean equal observations: the fold takes such a pair once.
+    """
+    return (observation.time_s, _RANK[type(observation)], _digest(observation))
+
+
+def event_time_s(observation: Observation) -> float:
+    """Return the time of the last instant that the observation speaks of."""
+    if isinstance(observation, ImuBlock):
+        return observation.time_s + (len(observation.acc_mps2) - 1) / observation.rate_hz
+    if isinstance(observation, Pedometer):
+        return observation.end_s
+    return observation.time_s
+
+
+def _digest(observation: Observation) -> bytes:
+    digest = hashlib.blake2b(digest_size=8)
+    if isinstance(observation, ImuBlock):
+        digest.update(repr(observation.rate_hz).encode())
+        for samples in (
+            observation.acc_mps2,
+            observation.gyro_radps,
+            observation.mag_ut,
+            observation.quat_wxyz,
+        ):
+            digest.update(samples.tobytes())
+    else:
+        digest.update(repr(observation).encode())
+    return digest.digest()

@@ -1,0 +1,1 @@
+"""Radio map, cleaning and matchers."""

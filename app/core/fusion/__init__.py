@@ -1,0 +1,1 @@
+"""Filters that join absolute fixes and dead reckoning."""

@@ -1,0 +1,1 @@
+"""Windowed least squares on beacon levels, static and kinematic, and predicted sigma."""

@@ -1,0 +1,1 @@
+"""Steps, step length, heading, motion mode and dead reckoning."""

@@ -1,0 +1,1 @@
+"""Path loss, level smoothing, windows and calibration."""

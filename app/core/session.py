@@ -1,0 +1,75 @@
+"""What a session leaves behind: its frozen clock, its logged batches. Values only, no behaviour of storage.
+
+A session is one uninterrupted use of one phone, named by the phone (``session`` in the ingest body).
+"""
+
+from dataclasses import dataclass
+
+from app.core.types import Observation
+
+
+@dataclass(frozen=True, slots=True)
+class SessionClock:
+    """Map of the phone's clocks to event time, frozen at the session's first batch.
+
+    event time = wall clock + ``offset_s``; wall clock = monotonic clock + ``mono_to_wall_s``.
+
+    Attributes
+    ----------
+    recorded
+        True for a replayed recording: recorded times are kept and no age limits apply.
+    boot_id
+        The phone's boot that the monotonic clock belongs to, if it told one.
+    """
+
+    recorded: bool = False
+    offset_s: float = 0.0
+    mono_to_wall_s: float | None = None
+    boot_id: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class SessionRecord:
+    """A session as it was opened. ``session_id`` is the server's, ``session`` the phone's name for it."""
+
+    session_id: str
+    device_id: str
+    session: str
+    site_id: str
+    profile: str
+    clock: SessionClock
+    opened_s: float
+    finished: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Rejection:
+    """A record that was not taken: its index in the batch, a stable code, a pointer and words."""
+
+    index: int
+    code: str
+    pointer: str = ""
+    detail: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class LoggedBatch:
+    """One acknowledged batch: immutable under ``(session_id, seq)``.
+
+    Attributes
+    ----------
+    digest
+        Of the batch's records as decoded (not of its bytes: a retry may differ in its send time).
+    observations
+        In event time, as the fold takes them.
+    rejected, ignored
+        The reply's remainder, so that a retry gets the same answer.
+    """
+
+    session_id: str
+    seq: int
+    digest: bytes
+    received_s: float
+    observations: tuple[Observation, ...]
+    rejected: tuple[Rejection, ...] = ()
+    ignored: int = 0

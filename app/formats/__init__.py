@@ -1,0 +1,1 @@
+"""Parsers of survey and trace files into core types: pure, streaming, bounded."""

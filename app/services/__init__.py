@@ -1,0 +1,1 @@
+"""Use cases that cross storage, core and live sessions; one transaction each."""

@@ -1,0 +1,1 @@
+"""Live state: one device, one bounded mailbox, one fold."""

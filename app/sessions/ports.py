@@ -1,0 +1,98 @@
+"""What live sessions need of the world; storage and main provide it, tests too."""
+
+from collections.abc import Sequence
+from typing import Protocol
+
+from app.core.engine import SessionState
+from app.core.params import Params
+from app.core.session import LoggedBatch, SessionRecord
+from app.core.site import SiteModel
+from app.core.types import TrackPoint
+
+
+class Clock(Protocol):
+    """The only source of the present time."""
+
+    def now_s(self) -> float:
+        """Return seconds since the Unix epoch."""
+        ...
+
+
+class LogUnavailableError(Exception):
+    """The observation log could not be written in time; the phone keeps its batch and retries."""
+
+
+class SiteSource(Protocol):
+    """Current snapshots of sites."""
+
+    def current(self, site_id: str) -> SiteModel | None:
+        """Return the site as it is now, None if there is no such site."""
+        ...
+
+    def params(self, site_id: str, profile: str) -> Params:
+        """Return the parameters of a profile at a site."""
+        ...
+
+
+class ObservationLog(Protocol):
+    """The durable record of everything acknowledged."""
+
+    async def open_session(self, record: SessionRecord) -> SessionRecord:
+        """Store a new session, or return the stored one of the same device and session name."""
+        ...
+
+    async def find_session(self, device_id: str, session: str) -> SessionRecord | None:
+        """Return a session by the phone's names for it."""
+        ...
+
+    async def unfinished_sessions(self, device_id: str | None = None) -> list[SessionRecord]:
+        """Return sessions whose final track has not been stored yet (of one device, or all)."""
+        ...
+
+    async def append(self, batch: LoggedBatch) -> LoggedBatch:
+        """Make a batch durable (group commit) and return it; of a known seq, the stored batch.
+
+        The caller compares digests: an equal one is a retry, another one a conflict.
+
+        Raises
+        ------
+        LogUnavailableError
+            If it could not be made durable within the limit (2 s).
+        """
+        ...
+
+    async def read(self, session_id: str, since_s: float | None = None) -> list[LoggedBatch]:
+        """Return the batches with an observation at or after event time ``since_s`` (None: all)."""
+        ...
+
+    async def finish_session(self, session_id: str) -> None:
+        """Mark the session's final track as stored."""
+        ...
+
+
+class SnapshotStore(Protocol):
+    """Checkpoints of running sessions."""
+
+    async def save(self, session_id: str, state: SessionState) -> None:
+        """Replace the session's snapshot."""
+        ...
+
+    async def load(self, session_id: str) -> SessionState | None:
+        """Return the session's snapshot if there is one."""
+        ...
+
+
+class TrackSink(Protocol):
+    """Where whole-second track points of sessions are stored, in the order of the calls."""
+
+    def write(self, session_id: str, points: Sequence[TrackPoint]) -> None:
+        """Queue points; a point of the same session and time replaces the stored one."""
+        ...
+
+    def replace_from(self, session_id: str, from_s: float, points: Sequence[TrackPoint]) -> None:
+        """Queue the removal of the session's points at or after ``from_s``, then these points."""
+        ...
+
+    async def flush(self) -> None:
+        """Wait until everything queued so far is stored."""
+        ...

@@ -1,0 +1,1 @@
+"""SQLAlchemy; takes and returns core types, never rows."""
