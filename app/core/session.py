@@ -73,3 +73,7 @@ class LoggedBatch:
     observations: tuple[Observation, ...]
     rejected: tuple[Rejection, ...] = ()
     ignored: int = 0
+
+
+class LogUnavailableError(Exception):
+    """The observation log could not be written in time; the phone keeps its batch and retries."""

@@ -5,9 +5,18 @@ from typing import Protocol
 
 from app.core.engine import SessionState
 from app.core.params import Params
-from app.core.session import LoggedBatch, SessionRecord
+from app.core.session import LoggedBatch, LogUnavailableError, SessionRecord
 from app.core.site import SiteModel
 from app.core.types import TrackPoint
+
+__all__ = [
+    "Clock",
+    "LogUnavailableError",
+    "ObservationLog",
+    "SiteSource",
+    "SnapshotStore",
+    "TrackSink",
+]
 
 
 class Clock(Protocol):
@@ -16,10 +25,6 @@ class Clock(Protocol):
     def now_s(self) -> float:
         """Return seconds since the Unix epoch."""
         ...
-
-
-class LogUnavailableError(Exception):
-    """The observation log could not be written in time; the phone keeps its batch and retries."""
 
 
 class SiteSource(Protocol):
