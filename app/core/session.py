@@ -1,6 +1,6 @@
-"""What a session leaves behind: its frozen clock, its logged batches. Values only, no behaviour of storage.
+"""What a session leaves behind: its frozen clock and its logged batches. Values only.
 
-A session is one uninterrupted use of one phone, named by the phone (``session`` in the ingest body).
+A session is one uninterrupted use of one phone; the phone names it (``session`` when it posts).
 """
 
 from dataclasses import dataclass
@@ -30,7 +30,7 @@ class SessionClock:
 
 @dataclass(frozen=True, slots=True)
 class SessionRecord:
-    """A session as it was opened. ``session_id`` is the server's, ``session`` the phone's name for it."""
+    """A session as it was opened; ``session_id`` is the server's name, ``session`` the phone's."""
 
     session_id: str
     device_id: str

@@ -54,7 +54,8 @@ class Reading:
     ----------
     keys
         Canonical transmitter keys, most specific first: ``mac:<12 hex>``,
-        ``ibeacon:<uuid>:<major>:<minor>``, ``eddystone:<namespace>:<instance>``, ``altbeacon:<40 hex>``.
+        ``ibeacon:<uuid>:<major>:<minor>``, ``eddystone:<namespace>:<instance>``,
+        ``altbeacon:<40 hex>``.
         A phone may know one transmitter by several (Android: MAC and iBeacon, iOS: iBeacon only).
     rssi_dbm
         Received level.
@@ -113,8 +114,8 @@ class Pedometer:
 class ImuBlock:
     """Evenly sampled inertial data; sample i was taken at ``time_s + i / rate_hz``.
 
-    A block is folded at its first sample's time; steps found in it wait in the session's state until
-    their own time comes, so a scan in the middle of a block never sees the future.
+    A block is folded at its first sample's time; steps found in it wait in the session's state
+    until their own time comes, so a scan in the middle of a block never sees the future.
 
     Attributes
     ----------
@@ -146,7 +147,7 @@ class Barometer:
 
 @dataclass(frozen=True, slots=True)
 class Truth:
-    """A surveyor's statement of where the phone is; logged for surveys, never seen by an estimator."""
+    """A surveyor's statement of where the phone is; for surveys, never seen by an estimator."""
 
     time_s: float
     x_m: float
@@ -162,8 +163,8 @@ Observation: TypeAlias = WifiScan | BleScan | Steps | Pedometer | ImuBlock | Bar
 class Anchor:
     """A transmitter with a surveyed position and its calibration, as the estimators see it.
 
-    Level model: ``rssi = ref_level_dbm - 10 path_loss_exponent log10(d / ref_distance_m)`` with normal
-    deviation ``shadowing_db``.
+    Level model: ``rssi = ref_level_dbm - 10 path_loss_exponent log10(d / ref_distance_m)`` with
+    normal deviation ``shadowing_db``.
     """
 
     anchor_id: str

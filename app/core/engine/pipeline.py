@@ -24,7 +24,7 @@ def advance(
 
 
 def finish(state: SessionState, site: SiteModel, params: Params) -> tuple[Output, ...]:
-    """Return what the track would end with if nothing more came: the last output is the latest fix."""
+    """Return what the track would end with if nothing more came; the last one is the latest."""
     _ = site, params
     if state.latest_s is None:
         return ()

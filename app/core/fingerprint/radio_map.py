@@ -1,4 +1,4 @@
-"""The radio map: all fingerprints of a site as one immutable sparse matrix with an inverted index."""
+"""The radio map: a site's fingerprints as one immutable sparse matrix with an inverted index."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
@@ -84,7 +84,7 @@ class RadioMap:
         return len(self.x_m)
 
     def with_floors(self, floor_ids: Sequence[str]) -> "RadioMap":
-        """Return the map with its rows pointing into ``floor_ids``; rows of other floors are left out.
+        """Return the map with rows pointing into ``floor_ids``, without rows of other floors.
 
         Raises
         ------
