@@ -1,0 +1,36 @@
+"""What routes work with: built once by main, reached from any request or socket."""
+
+from dataclasses import dataclass
+from typing import cast
+
+from starlette.requests import HTTPConnection
+
+from app.services.tokens import Authenticator
+from app.sessions.ports import Clock
+
+
+@dataclass(frozen=True, slots=True)
+class ApiLimits:
+    """Bounds on what a client may send."""
+
+    max_body_bytes: int = 1 << 20
+    max_decoded_bytes: int = 8 << 20
+    max_gzip_ratio: int = 100
+    max_records: int = 5000
+
+
+@dataclass(frozen=True, slots=True)
+class ApiContext:
+    """The running server's parts that the routes use."""
+
+    clock: Clock
+    authenticator: Authenticator
+    limits: ApiLimits
+    cors_origins: tuple[str, ...]
+    login_s: float
+    cookie_secure: bool
+
+
+def context_of(connection: HTTPConnection) -> ApiContext:
+    """Return the running server's parts; usable as a FastAPI dependency."""
+    return cast("ApiContext", connection.app.state.context)

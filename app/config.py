@@ -1,0 +1,61 @@
+"""Settings: the only reader of the environment (``PHAROS_*``); read by main and cli alone."""
+
+from pydantic import Field
+from pydantic_settings import BaseSettings, SettingsConfigDict
+
+
+class Settings(BaseSettings):
+    """Everything an operator can set; every field has a default that works on one machine."""
+
+    model_config = SettingsConfigDict(env_prefix="PHAROS_", frozen=True)
+
+    database_url: str = Field(
+        "sqlite:///pharos.db", description="SQLAlchemy URL of the SQLite file or PostgreSQL server."
+    )
+    migrate: bool = Field(True, description="Bring the database schema up to date at start.")
+    host: str = Field("127.0.0.1", description="Address to listen on; 0.0.0.0 for all.")
+    port: int = Field(8000, ge=0, le=65535, description="Port to listen on.")
+    public_url: str | None = Field(
+        None, description="Address that browsers and phones use, if not http://host:port."
+    )
+    log_level: str = Field("info", description="Log level: debug, info, warning or error.")
+    cors_origins: tuple[str, ...] = Field(
+        (),
+        description='Origins of other sites\' pages that may call the API, as JSON: ["https://x"].',
+    )
+    cookie_secure: bool = Field(
+        False, description="Send the login cookie over HTTPS only; set it when there is HTTPS."
+    )
+    login_s: float = Field(
+        7 * 86400.0, gt=0, description="Seconds that a browser's login lasts at most."
+    )
+    token_cache_s: float = Field(
+        5.0, ge=0, description="Seconds that a token looked up in the database is remembered."
+    )
+
+    max_body_bytes: int = Field(1 << 20, gt=0, description="Largest request body as sent.")
+    max_decoded_bytes: int = Field(8 << 20, gt=0, description="Largest body after decompression.")
+    max_gzip_ratio: int = Field(100, gt=0, description="Largest ratio of decoded to sent bytes.")
+    max_records: int = Field(5000, gt=0, description="Most records in one ingest batch.")
+    max_record_age_s: float = Field(
+        86400.0, gt=0, description="A live record older than this is rejected as too_old."
+    )
+    max_record_lead_s: float = Field(
+        300.0, gt=0, description="A live record further ahead than this is rejected as in_future."
+    )
+
+    session_idle_s: float = Field(
+        300.0, gt=0, description="Seconds without a batch after which a session is put to rest."
+    )
+    sweep_interval_s: float = Field(
+        5.0, gt=0, description="Seconds between looks for sessions to put to rest."
+    )
+    stream_idle_s: float = Field(
+        60.0, gt=0, description="Seconds of silence after which a live stream's socket is closed."
+    )
+    imu_retention_s: float = Field(
+        86400.0, gt=0, description="Seconds that raw inertial records stay in the observation log."
+    )
+    scan_retention_days: float = Field(
+        90.0, gt=0, description="Days that scans and steps stay in the observation log."
+    )
