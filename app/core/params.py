@@ -1,6 +1,179 @@
 """Parameters of the engine: physics and choices, each with unit, reason and source."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True, slots=True)
+class LaterationParams:
+    """Windowed least squares on levels.
+
+    Attributes
+    ----------
+    window_s
+        Length of the window: long enough for some 28 readings per beacon, short enough that a
+        walker goes straight in it (Grinyak et al. 2018).
+    phone_height_m
+        Height of the phone above the level that anchors' ``z_m`` counts from. With both 0 the model
+        is plane, as published.
+    huber_k
+        Residuals beyond this many standard deviations count linearly: 1.345 keeps 95 % of the
+        efficiency on normal noise (Huber 1964).
+    offset_prior_db
+        Standard deviation of the phone's unknown level offset, estimated along; 0: the phone is as
+        calibrated. Phones differ by up to some 10 dB.
+    velocity_prior_mps
+        Standard deviation of each velocity component before anything is heard (kinematic model);
+        None: nothing is known, as published.
+    shadowing_correlation
+        Correlation of the level deviations of one anchor within a window, 0 to 1. 0 is white noise,
+        as published; where shadowing is fixed to the place, repeated readings tell nothing new.
+    min_anchors
+        Fewer anchors heard are no fix. Three determine a place; with one or two the answer is a
+        neighbourhood of them, which is honest but wide.
+    search_margin_m
+        The phone is looked for in the box around the anchors heard, widened by this much.
+    max_sigma_m
+        A fix whose standard deviation in its worst direction is larger is no fix.
+    """
+
+    window_s: float = 2.0
+    phone_height_m: float = 0.0
+    huber_k: float = 1.345
+    offset_prior_db: float = 0.0
+    velocity_prior_mps: float | None = None
+    shadowing_correlation: float = 0.0
+    min_anchors: int = 3
+    search_margin_m: float = 15.0
+    max_sigma_m: float = 15.0
+
+
+@dataclass(frozen=True, slots=True)
+class MotionModeParams:
+    """When a phone counts as walking.
+
+    Every pair of bounds is a hysteresis: above the first walking begins, below the second it ends.
+
+    Attributes
+    ----------
+    step_hold_s
+        A step speaks for this long: longer than the slowest usual step interval (about 1.2 s).
+    walk_variance_m2ps4, still_variance_m2ps4
+        Variance of the norm of the acceleration. Walking gives 2 to 10, a hand that holds a phone
+        about 0.05, a table below 0.005.
+    variance_time_s
+        Time constant of the running variance: about two steps.
+    walk_chi2, still_chi2
+        ``v' D_vv^-1 v`` of the kinematic model: at rest chi-square with two degrees of freedom, so
+        9.21 is passed by 1 % of windows and 4.61 by 10 %.
+    evidence_s
+        Older evidence of a kind is as good as none.
+    """
+
+    step_hold_s: float = 1.5
+    walk_variance_m2ps4: float = 0.8
+    still_variance_m2ps4: float = 0.25
+    variance_time_s: float = 1.0
+    walk_chi2: float = 9.21
+    still_chi2: float = 4.61
+    evidence_s: float = 4.0
+
+
+@dataclass(frozen=True, slots=True)
+class MatchParams:
+    """Fingerprint matching.
+
+    Attributes
+    ----------
+    max_age_s
+        Wi-Fi readings measured longer ago are dropped: a walker is 5 m further on after 4 s.
+    min_readings
+        Fewer fresh Wi-Fi readings than this say too little to be a fingerprint or a query.
+    ble_window_s
+        Advertisements of this long are averaged: about ten at 3 to 5 Hz, 4 m at walking pace.
+    wifi_floor_dbm, ble_floor_dbm
+        Level that counts as not heard; just under what phones report at the weakest.
+    sorensen_exponent, cosine_exponent, ble_exponent
+        Exponents of the representation; > 1 lets near transmitters decide.
+    ble_gain
+        Weight of the BLE distance against the two Wi-Fi ones.
+    k
+        Candidates kept.
+    softness
+        Scale of the softmax over distances.
+    """
+
+    max_age_s: float = 4.0
+    min_readings: int = 3
+    ble_window_s: float = 3.0
+    wifi_floor_dbm: float = -100.0
+    ble_floor_dbm: float = -105.0
+    sorensen_exponent: float = 2.0
+    cosine_exponent: float = 1.5
+    ble_exponent: float = 2.0
+    ble_gain: float = 0.2
+    k: int = 20
+    softness: float = 0.04
+
+
+@dataclass(frozen=True, slots=True)
+class StepParams:
+    """Steps from the accelerometer, and how long they are.
+
+    Attributes
+    ----------
+    lowpass_hz
+        Walking is under 3 Hz; faster is shaking and heel strike.
+    mean_time_s
+        Time constant of the mean that is taken off (gravity and slow posture).
+    rise_mps2
+        A step's swing must rise this far over the mean; less is fidgeting.
+    min_interval_s
+        Nobody steps faster.
+    pause_s
+        After a longer interval the cadence is unknown and ``cadence_hz`` is assumed.
+    length_coefficients
+        Step length = c0 + c1 A + c2 f + c3 A f, A = (peak - valley)^(1/4) (Weinberg 2002),
+        f = cadence; fitted between waypoints of ms2020 map walks. In a new site it is a prior and
+        the filter's scale does the rest.
+    min_length_m, max_length_m
+        Bounds of an adult's indoor step.
+    """
+
+    lowpass_hz: float = 3.0
+    mean_time_s: float = 1.0
+    rise_mps2: float = 0.45
+    min_interval_s: float = 0.28
+    pause_s: float = 1.5
+    cadence_hz: float = 1.8
+    length_coefficients: tuple[float, float, float, float] = (-2.13, 2.02, 0.83, -0.68)
+    min_length_m: float = 0.2
+    max_length_m: float = 1.1
+
+
+@dataclass(frozen=True, slots=True)
+class FusionParams:
+    """The Kalman filter over (x, y, heading bias, log step scale)."""
+
+    bias_prior_rad: float = 0.28
+    bias_walk_rad: float = 0.044
+    scale_prior: float = 0.03
+    scale_walk: float = 0.005
+    along_m: float = 0.08
+    cross_m: float = 0.06
+    heading_noise_rad: float = 0.0
+    candidate_gate_m2: float = 9.0
+    noise_m2: float = 5.0
+    noise_spread: float = 2.0
+    noise_sorensen: float = 240.0
+    student_dof: float = 4.0
+
+
+@dataclass(frozen=True, slots=True)
+class FloorParams:
+    """Floor by accumulated likelihood."""
+
+    memory: float = 0.95
+    floor_weight: float = 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -8,3 +181,9 @@ class Params:
     """All parameters of one profile."""
 
     profile: str = "best"
+    match: MatchParams = field(default_factory=MatchParams)
+    step: StepParams = field(default_factory=StepParams)
+    fusion: FusionParams = field(default_factory=FusionParams)
+    floor: FloorParams = field(default_factory=FloorParams)
+    lateration: LaterationParams = field(default_factory=LaterationParams)
+    motion_mode: MotionModeParams = field(default_factory=MotionModeParams)
