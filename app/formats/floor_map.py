@@ -1,0 +1,145 @@
+"""The map of a floor: walls, walkable outlines and obstacles, one FeatureCollection in site metres.
+
+It has the shape of GeoJSON, but its coordinates are x, y in the site frame, so it is plain JSON and
+not an RFC 7946 document. ``properties.kind`` says what a feature is: ``walkable`` or ``obstacle``
+(Polygon, MultiPolygon) or ``wall`` (LineString, MultiLineString; ``attenuation_db`` optional).
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import shapely
+from shapely.geometry import mapping, shape
+from shapely.geometry.base import BaseGeometry
+
+from app.core.geometry import Walkable
+from app.core.site import Wall
+from app.formats.walkable import WalkableError, rasterise_walkable
+
+MAX_COORDINATES = 200_000
+"""A shopping mall's floor has a few thousand; more is a drawing, not a map."""
+
+DEFAULT_ATTENUATION_DB = 4.0
+"""Plasterboard to light brick at 2.4 GHz."""
+
+_AREAS = frozenset({"Polygon", "MultiPolygon"})
+_LINES = frozenset({"LineString", "MultiLineString"})
+_KINDS = {"walkable": _AREAS, "obstacle": _AREAS, "wall": _LINES}
+
+
+class FloorMapError(ValueError):
+    """The document is not a floor's map; ``pointer`` is the JSON pointer of what is wrong."""
+
+    def __init__(self, *, pointer: str, detail: str) -> None:
+        super().__init__(detail)
+        self.pointer = pointer
+        self.detail = detail
+
+
+@dataclass(frozen=True, slots=True)
+class FloorMap:
+    """What the engine takes from a map."""
+
+    walls: tuple[Wall, ...] = ()
+    walkable: Walkable | None = None
+
+
+def parse_floor_map(document: Mapping[str, Any], cell_m: float = 0.5) -> FloorMap:
+    """Return walls and walkable raster of a map; without a walkable outline there is no raster.
+
+    Raises
+    ------
+    FloorMapError
+        If a feature is not of a known kind, its geometry is not valid, or nothing is walkable.
+    """
+    by_kind: dict[str, list[BaseGeometry]] = {kind: [] for kind in _KINDS}
+    walls: list[Wall] = []
+    coordinates = 0
+    for i, feature in enumerate(_features(document)):
+        kind, geometry, properties = _feature(f"#/features/{i}", feature)
+        coordinates += int(shapely.count_coordinates(geometry))
+        if coordinates > MAX_COORDINATES:
+            raise FloorMapError(
+                pointer="#/features", detail=f"more than {MAX_COORDINATES} coordinates"
+            )
+        by_kind[kind].append(geometry)
+        if kind == "wall":
+            pointer = f"#/features/{i}/properties/attenuation_db"
+            walls.extend(_walls(geometry, _attenuation_db(pointer, properties)))
+    if not by_kind["walkable"]:
+        return FloorMap(tuple(walls))
+    try:
+        raster = rasterise_walkable(by_kind["walkable"], by_kind["obstacle"], cell_m)
+    except WalkableError as error:
+        raise FloorMapError(pointer="#/features", detail=str(error)) from error
+    return FloorMap(tuple(walls), raster)
+
+
+def floor_map_document(
+    walkable: Iterable[BaseGeometry] = (),
+    obstacles: Iterable[BaseGeometry] = (),
+    walls: Iterable[BaseGeometry] = (),
+) -> dict[str, Any]:
+    """Return the map of geometries in site metres, as `parse_floor_map` takes it."""
+    kinds = (("walkable", walkable), ("obstacle", obstacles), ("wall", walls))
+    features = [
+        {"type": "Feature", "properties": {"kind": kind}, "geometry": mapping(geometry)}
+        for kind, geometries in kinds
+        for geometry in geometries
+    ]
+    return {"type": "FeatureCollection", "features": features}
+
+
+def _features(document: Mapping[str, Any]) -> Sequence[Any]:
+    features = document.get("features")
+    if document.get("type") != "FeatureCollection" or not isinstance(features, list):
+        raise FloorMapError(pointer="#", detail="not a FeatureCollection")
+    return features
+
+
+def _feature(pointer: str, feature: object) -> tuple[str, BaseGeometry, Mapping[str, Any]]:
+    if not isinstance(feature, dict) or feature.get("type") != "Feature":
+        raise FloorMapError(pointer=pointer, detail="not a Feature")
+    properties = feature.get("properties")
+    kind = properties.get("kind") if isinstance(properties, dict) else None
+    if not isinstance(properties, dict) or kind not in _KINDS:
+        raise FloorMapError(
+            pointer=f"{pointer}/properties/kind", detail=f"not one of {', '.join(_KINDS)}"
+        )
+    return kind, _geometry(f"{pointer}/geometry", feature.get("geometry"), _KINDS[kind]), properties
+
+
+def _geometry(pointer: str, document: object, allowed: frozenset[str]) -> BaseGeometry:
+    if not isinstance(document, dict) or document.get("type") not in allowed:
+        raise FloorMapError(
+            pointer=f"{pointer}/type", detail=f"not one of {', '.join(sorted(allowed))}"
+        )
+    try:
+        geometry = shape(document)
+    except (ValueError, TypeError, KeyError, IndexError, shapely.errors.ShapelyError) as error:
+        raise FloorMapError(
+            pointer=f"{pointer}/coordinates", detail="not coordinates of its type"
+        ) from error
+    if geometry.is_empty or not np.isfinite(shapely.get_coordinates(geometry)).all():
+        raise FloorMapError(pointer=f"{pointer}/coordinates", detail="empty, or not finite")
+    if not geometry.is_valid:
+        detail = f"not valid: {shapely.is_valid_reason(geometry)}"
+        raise FloorMapError(pointer=f"{pointer}/coordinates", detail=detail)
+    return geometry
+
+
+def _attenuation_db(pointer: str, properties: Mapping[str, Any]) -> float:
+    value = properties.get("attenuation_db", DEFAULT_ATTENUATION_DB)
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 <= value <= 100:
+        raise FloorMapError(pointer=pointer, detail="not a number of 0 to 100 dB")
+    return float(value)
+
+
+def _walls(geometry: BaseGeometry, attenuation_db: float) -> Iterable[Wall]:
+    for line in shapely.get_parts(geometry):
+        xy_m = shapely.get_coordinates(line).tolist()
+        for (x0_m, y0_m), (x1_m, y1_m) in pairwise(xy_m):
+            yield Wall(x0_m, y0_m, x1_m, y1_m, attenuation_db)
