@@ -1,0 +1,58 @@
+"""Lists of bounded length with opaque cursors: ``{"items": [...], "next_cursor": ...}``."""
+
+import base64
+import binascii
+from collections.abc import Callable, Sequence
+from typing import Annotated, Generic, TypeVar
+
+from fastapi import Query
+from pydantic import BaseModel
+
+from app.services.errors import AppError, ErrorCode
+
+Item = TypeVar("Item")
+Stored = TypeVar("Stored")
+
+MAX_LIMIT = 500
+"""A page of this many rows stays under 1 MB and a few milliseconds."""
+
+Limit = Annotated[int, Query(ge=1, le=MAX_LIMIT, description="Rows per page")]
+Cursor = Annotated[
+    str | None, Query(max_length=400, description="`next_cursor` of the page before; opaque")
+]
+
+
+class Page(BaseModel, Generic[Item]):
+    """One page of a list; ``next_cursor`` is null on the last one."""
+
+    items: list[Item]
+    next_cursor: str | None = None
+
+
+def encode_cursor(last_key: str) -> str:
+    """Return the cursor that continues after the row with ``last_key``."""
+    return base64.urlsafe_b64encode(last_key.encode()).decode().rstrip("=")
+
+
+def decode_cursor(cursor: str | None) -> str | None:
+    """Return the key to continue after; None starts at the first row."""
+    if cursor is None:
+        return None
+    try:
+        padded = cursor + "=" * (-len(cursor) % 4)
+        return base64.b64decode(padded, altchars=b"-_", validate=True).decode()
+    except (binascii.Error, UnicodeDecodeError, ValueError) as error:
+        raise AppError(ErrorCode.INVALID_CURSOR, "the cursor is not one of ours") from error
+
+
+def page_of(
+    rows: Sequence[Stored],
+    limit: int,
+    key: Callable[[Stored], str],
+    present: Callable[[Stored], Item],
+) -> Page[Item]:
+    """Return a page from up to ``limit + 1`` rows; a surplus row says that there is a next page."""
+    more = len(rows) > limit
+    kept = rows[:limit]
+    cursor = encode_cursor(key(kept[-1])) if more else None
+    return Page(items=[present(row) for row in kept], next_cursor=cursor)
