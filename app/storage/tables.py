@@ -1,0 +1,325 @@
+"""The tables, the same on SQLite and PostgreSQL.
+
+Times are seconds since the Unix epoch as 64-bit floats (``*_s``); ``time_us`` is the same instant
+in whole microseconds where it serves as a key. ``row_version`` counts the edits of a row: its ETag.
+"""
+
+from sqlalchemy import (
+    JSON,
+    BigInteger,
+    Boolean,
+    CheckConstraint,
+    Column,
+    Double,
+    ForeignKey,
+    Index,
+    Integer,
+    LargeBinary,
+    MetaData,
+    String,
+    Table,
+    UniqueConstraint,
+    text,
+)
+
+METADATA = MetaData(
+    naming_convention={
+        "ix": "ix_%(table_name)s_%(column_0_N_name)s",
+        "uq": "uq_%(table_name)s_%(column_0_N_name)s",
+        "ck": "ck_%(table_name)s_%(constraint_name)s",
+        "fk": "fk_%(table_name)s_%(column_0_N_name)s_%(referred_table_name)s",
+        "pk": "pk_%(table_name)s",
+    }
+)
+
+# SQLite numbers rows by itself only in a column declared INTEGER; there that is 64 bits wide too.
+ROW_ID = BigInteger().with_variant(Integer(), "sqlite")
+# Absent JSON is SQL NULL, never the JSON text "null".
+JSON_OR_NULL = JSON(none_as_null=True)
+
+
+def _site_id(*, nullable: bool = False, index: bool = True) -> Column[str]:
+    return Column(
+        "site_id",
+        String,
+        ForeignKey("sites.id", ondelete="SET NULL" if nullable else "CASCADE"),
+        nullable=nullable,
+        index=index,
+    )
+
+
+def _row_version() -> Column[int]:
+    return Column("row_version", Integer, nullable=False, server_default="1")
+
+
+SITES = Table(
+    "sites",
+    METADATA,
+    Column("id", String, primary_key=True),
+    Column("name", String, nullable=False),
+    # How long scans are kept in the observation log; NULL: for ever.
+    Column("retention_days", Double),
+    Column("default_profile", String, nullable=False, server_default="best"),
+    Column("georeference", JSON_OR_NULL),
+    Column("created_s", Double, nullable=False),
+    # Counts the edits of all that the engine sees of the site: floors, maps, beacons, radio map.
+    Column("model_version", Integer, nullable=False, server_default="1"),
+    _row_version(),
+)
+
+FLOORS = Table(
+    "floors",
+    METADATA,
+    Column("id", String, primary_key=True),
+    _site_id(index=False),
+    Column("name", String, nullable=False),
+    Column("building", String, nullable=False, server_default=""),
+    Column("ordinal", Integer, nullable=False),
+    Column("x0_m", Double, nullable=False),
+    Column("y0_m", Double, nullable=False),
+    Column("width_m", Double, nullable=False),
+    Column("height_m", Double, nullable=False),
+    Column("plan_image", LargeBinary),
+    Column("plan_media_type", String),
+    # GeoJSON of walls and walkable area in the site frame.
+    Column("map", JSON_OR_NULL),
+    # A `core.geometry.Walkable`, encoded by storage.codec.
+    Column("walkable", LargeBinary),
+    Column("georeference", JSON_OR_NULL),
+    _row_version(),
+    CheckConstraint("width_m > 0 AND height_m > 0", name="size"),
+    UniqueConstraint("site_id", "building", "name"),
+)
+
+BEACONS = Table(
+    "beacons",
+    METADATA,
+    Column("id", String, primary_key=True),
+    _site_id(),
+    # A beacon that is registered but not placed yet has no floor and no position.
+    Column("floor_id", String, ForeignKey("floors.id", ondelete="SET NULL"), index=True),
+    Column("kind", String, nullable=False),
+    Column("name", String, nullable=False, server_default=""),
+    Column("x_m", Double),
+    Column("y_m", Double),
+    Column("z_m", Double, nullable=False, server_default="0"),
+    Column("ref_level_dbm", Double, nullable=False),
+    Column("ref_distance_m", Double, nullable=False),
+    Column("path_loss_exponent", Double, nullable=False),
+    Column("shadowing_db", Double, nullable=False),
+    _row_version(),
+    CheckConstraint("kind IN ('ble', 'wifi')", name="kind"),
+)
+
+BEACON_KEYS = Table(
+    "beacon_keys",
+    METADATA,
+    Column("site_id", String, ForeignKey("sites.id", ondelete="CASCADE"), primary_key=True),
+    Column("key", String, primary_key=True),
+    Column(
+        "beacon_id",
+        String,
+        ForeignKey("beacons.id", ondelete="CASCADE"),
+        nullable=False,
+        index=True,
+    ),
+    # Order of the keys as registered, most specific first.
+    Column("rank", Integer, nullable=False),
+)
+
+DEVICES = Table(
+    "devices",
+    METADATA,
+    # The phone's own name for itself.
+    Column("id", String, primary_key=True),
+    _site_id(nullable=True),
+    Column("name", String, nullable=False, server_default=""),
+    Column("person", String),
+    Column("platform", String),
+    Column("model", String),
+    Column("profile", String),
+    # Added to every level this phone model reports.
+    Column("level_offset_db", Double, nullable=False, server_default="0"),
+    Column("first_seen_s", Double),
+    Column("last_seen_s", Double),
+    _row_version(),
+)
+
+TOKENS = Table(
+    "tokens",
+    METADATA,
+    Column("id", String, primary_key=True),
+    Column("token_hash", LargeBinary, nullable=False, unique=True),
+    Column("role", String, nullable=False),
+    # A token of a deleted site goes with it: it must not turn into a token for all sites.
+    Column("site_id", String, ForeignKey("sites.id", ondelete="CASCADE"), index=True),
+    Column("device_id", String),
+    Column("device_prefix", String),
+    Column("label", String, nullable=False, server_default=""),
+    Column("created_s", Double, nullable=False),
+    Column("expires_s", Double),
+    Column("revoked_s", Double),
+    CheckConstraint("role IN ('admin', 'supervisor', 'surveyor', 'viewer', 'device')", name="role"),
+)
+
+SURVEYS = Table(
+    "surveys",
+    METADATA,
+    Column("id", String, primary_key=True),
+    _site_id(),
+    Column("name", String, nullable=False, server_default=""),
+    # Name of the format it was uploaded in.
+    Column("format", String, nullable=False),
+    Column("device_id", String),
+    Column("device_model", String),
+    Column("created_s", Double, nullable=False),
+    _row_version(),
+)
+
+REFERENCE_POINTS = Table(
+    "reference_points",
+    METADATA,
+    Column("id", ROW_ID, primary_key=True),
+    Column(
+        "survey_id",
+        String,
+        ForeignKey("surveys.id", ondelete="CASCADE"),
+        nullable=False,
+        index=True,
+    ),
+    Column(
+        "floor_id",
+        String,
+        ForeignKey("floors.id", ondelete="CASCADE"),
+        nullable=False,
+        index=True,
+    ),
+    # Which walk it belongs to: leave-one-walk-out validation groups by it.
+    Column("walk", String, nullable=False, server_default=""),
+    Column("name", String, nullable=False, server_default=""),
+    Column("x_m", Double, nullable=False),
+    Column("y_m", Double, nullable=False),
+    Column("time_s", Double),
+)
+
+SURVEY_SCANS = Table(
+    "survey_scans",
+    METADATA,
+    Column("id", ROW_ID, primary_key=True),
+    Column(
+        "reference_point_id",
+        ROW_ID,
+        ForeignKey("reference_points.id", ondelete="CASCADE"),
+        nullable=False,
+        index=True,
+    ),
+    Column("time_s", Double, nullable=False),
+    # Observations, encoded by storage.codec.
+    Column("payload", LargeBinary, nullable=False),
+)
+
+RADIO_MAPS = Table(
+    "radio_maps",
+    METADATA,
+    Column("id", String, primary_key=True),
+    _site_id(index=False),
+    Column("version", Integer, nullable=False),
+    Column("active", Boolean, nullable=False, server_default=text("false")),
+    Column("label", String, nullable=False, server_default=""),
+    # Where it came from: survey ids, cleaning parameters.
+    Column("provenance", JSON_OR_NULL),
+    Column("fingerprints", Integer, nullable=False),
+    Column("transmitters", Integer, nullable=False),
+    Column("created_s", Double, nullable=False),
+    # A `core.fingerprint.radio_map.RadioMap`, encoded by storage.codec.
+    Column("payload", LargeBinary, nullable=False),
+    UniqueConstraint("site_id", "version"),
+    Index(
+        "uq_radio_maps_active",
+        "site_id",
+        unique=True,
+        sqlite_where=text("active"),
+        postgresql_where=text("active"),
+    ),
+)
+
+SESSIONS = Table(
+    "sessions",
+    METADATA,
+    Column("id", String, primary_key=True),
+    Column("device_id", String, ForeignKey("devices.id", ondelete="CASCADE"), nullable=False),
+    # The phone's name for the session.
+    Column("session", String, nullable=False),
+    _site_id(),
+    Column("profile", String, nullable=False),
+    Column("clock_recorded", Boolean, nullable=False),
+    Column("clock_offset_s", Double, nullable=False),
+    Column("clock_mono_to_wall_s", Double),
+    Column("clock_boot_id", String),
+    Column("opened_s", Double, nullable=False),
+    Column("finished", Boolean, nullable=False, server_default=text("false")),
+    UniqueConstraint("device_id", "session"),
+)
+
+
+def _session_key() -> Column[str]:
+    return Column(
+        "session_id", String, ForeignKey("sessions.id", ondelete="CASCADE"), primary_key=True
+    )
+
+
+OBSERVATION_BATCHES = Table(
+    "observation_batches",
+    METADATA,
+    Column("id", ROW_ID, primary_key=True),
+    Column("session_id", String, ForeignKey("sessions.id", ondelete="CASCADE"), nullable=False),
+    Column("seq", BigInteger, nullable=False),
+    Column("digest", LargeBinary, nullable=False),
+    Column("received_s", Double, nullable=False),
+    # Event times of the first and last instant the batch speaks of; NULL when it holds nothing.
+    Column("first_s", Double),
+    Column("last_s", Double),
+    # Lets retention find what it must rewrite without decoding everything.
+    Column("has_imu", Boolean, nullable=False),
+    Column("payload", LargeBinary, nullable=False),
+    Column("rejected", LargeBinary, nullable=False),
+    Column("ignored", Integer, nullable=False),
+    UniqueConstraint("session_id", "seq"),
+    Index("ix_observation_batches_session_id_last_s", "session_id", "last_s"),
+    Index("ix_observation_batches_received_s", "received_s"),
+)
+
+SNAPSHOTS = Table(
+    "snapshots",
+    METADATA,
+    _session_key(),
+    Column("payload", LargeBinary, nullable=False),
+)
+
+TRACK_POINTS = Table(
+    "track_points",
+    METADATA,
+    _session_key(),
+    Column("time_us", BigInteger, primary_key=True, autoincrement=False),
+    Column("time_s", Double, nullable=False),
+    # No foreign key: what was recorded on a floor outlives the floor's removal from the registry.
+    Column("floor_id", String, nullable=False),
+    Column("x_m", Double, nullable=False),
+    Column("y_m", Double, nullable=False),
+    Column("covariance_xx_m2", Double, nullable=False),
+    Column("covariance_xy_m2", Double, nullable=False),
+    Column("covariance_yy_m2", Double, nullable=False),
+    Column("radius95_m", Double, nullable=False),
+    Column("speed_mps", Double, nullable=False),
+    Column("heading_rad", Double),
+    Column("motion", String, nullable=False),
+    Column("method", String, nullable=False),
+    Column("floor_confidence", Double, nullable=False),
+    Column("used_beacons", Integer, nullable=False),
+    Column("used_access_points", Integer, nullable=False),
+    Column("used_steps", Integer, nullable=False),
+    Column("age_s", Double, nullable=False),
+    Column("profile", String, nullable=False),
+    Column("zones", JSON, nullable=False),
+    Index("ix_track_points_floor_id_time_us", "floor_id", "time_us"),
+)
