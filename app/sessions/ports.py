@@ -7,10 +7,11 @@ from app.core.engine import SessionState
 from app.core.params import Params
 from app.core.session import LoggedBatch, LogUnavailableError, SessionRecord
 from app.core.site import SiteModel
-from app.core.types import TrackPoint
+from app.core.types import Observation, Output, TrackPoint
 
 __all__ = [
     "Clock",
+    "Fold",
     "LogUnavailableError",
     "ObservationLog",
     "SiteSource",
@@ -24,6 +25,26 @@ class Clock(Protocol):
 
     def now_s(self) -> float:
         """Return seconds since the Unix epoch."""
+        ...
+
+
+class Fold(Protocol):
+    """What folds a session's observations: `app.core.engine`."""
+
+    def start(self) -> SessionState:
+        """Return the state of a session that has seen nothing yet."""
+        ...
+
+    def advance(
+        self, state: SessionState, observation: Observation, site: SiteModel, params: Params
+    ) -> tuple[SessionState, tuple[Output, ...]]:
+        """Fold one observation; return the new state and one output per whole second passed."""
+        ...
+
+    def finish(
+        self, state: SessionState, site: SiteModel, params: Params
+    ) -> tuple[Output, ...]:
+        """Return what the track would end with if nothing more came."""
         ...
 
 
@@ -57,7 +78,8 @@ class ObservationLog(Protocol):
     async def append(self, batch: LoggedBatch) -> LoggedBatch:
         """Make a batch durable (group commit) and return it; of a known seq, the stored batch.
 
-        The caller compares digests: an equal one is a retry, another one a conflict.
+        A new batch comes back as the very object that was passed. Of another object the caller
+        compares digests: an equal one is a retry, another one a conflict.
 
         Raises
         ------
@@ -74,12 +96,16 @@ class ObservationLog(Protocol):
         """Mark the session's final track as stored."""
         ...
 
+    async def reopen_session(self, session_id: str) -> None:
+        """Mark the session unfinished: the phone came back and its track will change."""
+        ...
+
 
 class SnapshotStore(Protocol):
-    """Checkpoints of running sessions."""
+    """Checkpoints of running sessions, written in order with the points of the track sink."""
 
     async def save(self, session_id: str, state: SessionState) -> None:
-        """Replace the session's snapshot."""
+        """Replace the session's snapshot; `LogUnavailableError` if that took too long."""
         ...
 
     async def load(self, session_id: str) -> SessionState | None:
