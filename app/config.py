@@ -36,16 +36,12 @@ class Settings(BaseSettings):
     max_body_bytes: int = Field(1 << 20, gt=0, description="Largest request body as sent.")
     max_decoded_bytes: int = Field(8 << 20, gt=0, description="Largest body after decompression.")
     max_gzip_ratio: int = Field(100, gt=0, description="Largest ratio of decoded to sent bytes.")
-    max_records: int = Field(5000, gt=0, description="Most records in one ingest batch.")
-    max_record_age_s: float = Field(
-        86400.0, gt=0, description="A live record older than this is rejected as too_old."
-    )
-    max_record_lead_s: float = Field(
-        300.0, gt=0, description="A live record further ahead than this is rejected as in_future."
-    )
 
+    session_evict_s: float = Field(
+        180.0, gt=0, description="Seconds without a batch after which a session leaves memory."
+    )
     session_idle_s: float = Field(
-        300.0, gt=0, description="Seconds without a batch after which a session is put to rest."
+        600.0, gt=0, description="Seconds without a batch after which a session is over."
     )
     sweep_interval_s: float = Field(
         5.0, gt=0, description="Seconds between looks for sessions to put to rest."

@@ -16,7 +16,6 @@ class ApiLimits:
     max_body_bytes: int = 1 << 20
     max_decoded_bytes: int = 8 << 20
     max_gzip_ratio: int = 100
-    max_records: int = 5000
 
 
 @dataclass(frozen=True, slots=True)

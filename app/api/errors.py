@@ -35,7 +35,6 @@ STATUS: dict[ErrorCode, int] = {
     ErrorCode.IN_USE: 409,
     ErrorCode.SEQ_CONFLICT: 409,
     ErrorCode.CLOCK_CHANGED: 409,
-    ErrorCode.SITE_CHANGED: 409,
     ErrorCode.ETAG_MISMATCH: 412,
     ErrorCode.BODY_TOO_LARGE: 413,
     ErrorCode.MEDIA_TYPE_UNSUPPORTED: 415,

@@ -24,7 +24,6 @@ class ErrorCode(StrEnum):
     IN_USE = "in_use"
     SEQ_CONFLICT = "seq_conflict"
     CLOCK_CHANGED = "clock_changed"
-    SITE_CHANGED = "site_changed"
     ETAG_MISMATCH = "etag_mismatch"
     BODY_TOO_LARGE = "body_too_large"
     MEDIA_TYPE_UNSUPPORTED = "media_type_unsupported"

@@ -1,0 +1,63 @@
+"""The fix, everywhere the same: one JSON shape for replies, reads and streams."""
+
+import math
+from datetime import UTC, datetime
+from typing import Any
+
+from app.core.geometry import wrap_angle
+from app.core.types import NoFix, Output, TrackPoint
+
+Json = dict[str, Any]
+
+
+def iso_time(time_s: float) -> str:
+    """Return an instant as RFC 3339 in UTC, to the millisecond."""
+    instant = datetime.fromtimestamp(time_s, UTC)
+    return instant.isoformat(timespec="milliseconds").replace("+00:00", "Z")
+
+
+def heading_deg_of(heading_rad: float | None) -> float | None:
+    """Return clockwise-from-north degrees of a core heading."""
+    if heading_rad is None:
+        return None
+    return round(math.degrees(wrap_angle(math.pi / 2.0 - heading_rad)) % 360.0, 2) % 360.0
+
+
+def fix_json(device_id: str, site_id: str, point: TrackPoint) -> Json:
+    """Return the JSON of a track point; ``age_s`` is as of the point's own time."""
+    xx, xy, yy = point.covariance_m2
+    return {
+        "device_id": device_id,
+        "time": iso_time(point.time_s),
+        "site_id": site_id,
+        "floor_id": point.floor_id,
+        "x": point.x_m,
+        "y": point.y_m,
+        "radius95_m": point.radius95_m,
+        "covariance": [[xx, xy], [xy, yy]],
+        "speed_mps": point.speed_mps,
+        "heading_deg": heading_deg_of(point.heading_rad),
+        "motion": point.motion.value,
+        "method": point.method.value,
+        "profile": point.profile,
+        "floor_confidence": point.floor_confidence,
+        "zones": list(point.zones),
+        "used": {
+            "beacons": point.used.beacons,
+            "access_points": point.used.access_points,
+            "steps": point.used.steps,
+        },
+        "age_s": point.age_s,
+    }
+
+
+def output_json(device_id: str, site_id: str, output: Output | None) -> Json:
+    """Return ``{"fix": ...}``, and beside an absent fix ``{"no_fix": {"reason": ...}}``."""
+    if isinstance(output, TrackPoint):
+        return {"fix": fix_json(device_id, site_id, output)}
+    if isinstance(output, NoFix):
+        return {
+            "fix": None,
+            "no_fix": {"reason": output.reason.value, "time": iso_time(output.time_s)},
+        }
+    return {"fix": None, "no_fix": {"reason": "nothing_observed", "time": None}}
