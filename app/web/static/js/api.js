@@ -1,0 +1,64 @@
+// The calls of /v1 that the page makes. The session cookie travels by itself.
+
+export class ApiError extends Error {
+  constructor(status, detail) {
+    super(detail);
+    this.status = status;
+  }
+}
+
+let serverOffsetMs = 0;
+
+/** The server's wall clock, to the second: ages must not depend on the viewer's clock. */
+export function serverNowMs() {
+  return Date.now() + serverOffsetMs;
+}
+
+export async function login(token) {
+  await request("/v1/login", {
+    method: "POST",
+    headers: { "Content-Type": "application/json" },
+    body: JSON.stringify({ token }),
+  });
+}
+
+export const sites = () => listAll("/v1/sites");
+export const floors = (siteId) => listAll("/v1/floors", { site_id: siteId });
+export const beacons = (siteId) => listAll("/v1/beacons", { site_id: siteId });
+export const devices = () => listAll("/v1/devices");
+
+export function planUrl(floor) {
+  return `/v1/floors/${encodeURIComponent(floor.id)}/plan`;
+}
+
+export function streamUrl(location) {
+  return `${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/v1/stream`;
+}
+
+async function listAll(path, query = {}) {
+  const items = [];
+  let cursor = null;
+  do {
+    const search = new URLSearchParams({ ...query, limit: 500, ...(cursor && { cursor }) });
+    const page = await (await request(`${path}?${search}`)).json();
+    items.push(...page.items);
+    cursor = page.next_cursor;
+  } while (cursor);
+  return items;
+}
+
+async function request(path, options = {}) {
+  const response = await fetch(path, { credentials: "same-origin", ...options });
+  const date = Date.parse(response.headers.get("Date"));
+  if (!Number.isNaN(date)) serverOffsetMs = date - Date.now();
+  if (!response.ok) throw new ApiError(response.status, await problemDetail(response));
+  return response;
+}
+
+async function problemDetail(response) {
+  if (!response.headers.get("Content-Type")?.startsWith("application/problem+json")) {
+    return response.statusText;
+  }
+  const problem = await response.json();
+  return problem.detail ?? problem.title;
+}
