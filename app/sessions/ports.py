@@ -1,8 +1,10 @@
 """What live sessions need of the world; storage and main provide it, tests too."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Protocol
 
+from app.core import engine
 from app.core.engine import SessionState
 from app.core.params import Params
 from app.core.session import LoggedBatch, LogUnavailableError, SessionRecord
@@ -14,6 +16,7 @@ __all__ = [
     "Fold",
     "LogUnavailableError",
     "ObservationLog",
+    "SessionPorts",
     "SiteSource",
     "SnapshotStore",
     "TrackSink",
@@ -41,9 +44,7 @@ class Fold(Protocol):
         """Fold one observation; return the new state and one output per whole second passed."""
         ...
 
-    def finish(
-        self, state: SessionState, site: SiteModel, params: Params
-    ) -> tuple[Output, ...]:
+    def finish(self, state: SessionState, site: SiteModel, params: Params) -> tuple[Output, ...]:
         """Return what the track would end with if nothing more came."""
         ...
 
@@ -127,3 +128,13 @@ class TrackSink(Protocol):
     async def flush(self) -> None:
         """Wait until everything queued so far is stored."""
         ...
+
+
+@dataclass(frozen=True, slots=True)
+class SessionPorts:
+    """Where a session reads, folds and writes."""
+
+    log: ObservationLog
+    snapshots: SnapshotStore
+    tracks: TrackSink
+    fold: Fold = engine

@@ -1,0 +1,289 @@
+"""The registry: finds, starts, recovers and ends live sessions; the way in for every batch."""
+
+import asyncio
+import logging
+import math
+import uuid
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass, field
+
+from app.core.params import Params
+from app.core.session import LoggedBatch, LogUnavailableError, SessionRecord
+from app.core.site import SiteModel
+from app.core.types import Output, TrackPoint
+from app.sessions.batch import (
+    BatchConflictError,
+    ClockChangedError,
+    IncomingBatch,
+    Submitted,
+    UnknownSiteError,
+)
+from app.sessions.clock import freeze_clock, is_same_clock, observations_in_event_time
+from app.sessions.hub import Hub
+from app.sessions.limits import SessionLimits
+from app.sessions.mailbox import Mailbox
+from app.sessions.ports import Clock, SessionPorts, SiteSource
+from app.sessions.worker import DeviceSession
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(slots=True)
+class _Slot:
+    """An unfinished session: in memory (``live``) or asleep in its snapshot."""
+
+    record: SessionRecord
+    seen_s: float
+    provisional: bool
+    live: DeviceSession | None = None
+
+
+@dataclass(slots=True)
+class _Device:
+    mailbox: Mailbox
+    slots: dict[str, _Slot] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class _Latest:
+    site_id: str
+    session_id: str
+    output: Output
+
+
+class SessionRegistry:
+    """All live sessions of this process.
+
+    A batch is appended to the log, folded, answered, in this order; a device's batches one after
+    the other. A phone that comes back to a finished session opens it again: its track is folded
+    from the entire log when it is settled or finished the next time.
+    """
+
+    def __init__(
+        self,
+        ports: SessionPorts,
+        sites: SiteSource,
+        hub: Hub,
+        clock: Clock,
+        limits: SessionLimits | None = None,
+    ) -> None:
+        self._ports = ports
+        self._sites = sites
+        self._hub = hub
+        self._clock = clock
+        self._limits = limits or SessionLimits()
+        self._devices: dict[str, _Device] = {}
+        self._latest: dict[str, _Latest] = {}
+
+    async def submit(self, batch: IncomingBatch) -> Submitted:
+        """Make a batch durable, fold it and answer; a caller who is cancelled stops nothing.
+
+        Raises
+        ------
+        MailboxFullError, LogUnavailableError
+            Not taken; the phone shall send it again later.
+        BatchConflictError, ClockChangedError, UnknownSiteError
+            Never to be taken like this.
+        """
+        device = self._device(batch.device_id)
+        return await device.mailbox.offer(lambda: self._serve(device, batch))
+
+    def latest(self, device_id: str) -> tuple[str, Output] | None:
+        """Return session and output of the device's newest batch since the server started."""
+        latest = self._latest.get(device_id)
+        return None if latest is None else (latest.session_id, latest.output)
+
+    def latest_at(self, site_id: str) -> dict[str, Output]:
+        """Return the latest output of every device that was last seen at a site."""
+        return {d: x.output for d, x in self._latest.items() if x.site_id == site_id}
+
+    def pending_points(self, device_id: str) -> dict[str, tuple[TrackPoint, ...]]:
+        """Return, by session id, the points that follow the stored ones if nothing more comes.
+
+        Complete after `settle`. Joined with the stored points, these replace stored ones of the
+        same time.
+        """
+        device = self._devices.get(device_id)
+        slots = device.slots.values() if device else ()
+        return {
+            slot.record.session_id: slot.live.pending_points()
+            for slot in slots
+            if slot.live and self._has_site(slot)
+        }
+
+    async def settle(self, device_id: str) -> None:
+        """Make the stored tracks of the device's unfinished sessions those of everything logged."""
+        device = self._devices.get(device_id)
+        if device is not None:
+            await device.mailbox.run(lambda: self._settle_all(device))
+        await self._ports.tracks.flush()
+
+    async def recover(self) -> None:
+        """Learn at start-up which sessions are unfinished; each wakes up when it is needed."""
+        now_s = self._clock.now_s()
+        for record in await self._ports.log.unfinished_sessions():
+            slots = self._device(record.device_id).slots
+            slots.setdefault(record.session, _Slot(record, now_s, provisional=True))
+
+    async def sweep(self) -> None:
+        """Finish sessions that are over, put to sleep those that are silent or too many."""
+        now_s = self._clock.now_s()
+        over_s = now_s - self._limits.idle_s
+        asleep_s = max(now_s - self._limits.evict_s, self._seen_s_of_excess())
+        for device_id, device in tuple(self._devices.items()):
+            for slot in tuple(device.slots.values()):
+                if slot.seen_s <= over_s:
+                    await self._attempt(self._finish, device, slot)
+                elif slot.live and slot.seen_s <= asleep_s:
+                    await self._attempt(self._sleep, device, slot)
+            if not device.slots and device.mailbox.idle:
+                del self._devices[device_id]
+
+    async def close(self) -> None:
+        """Save all sessions and wait until everything is stored; submit nothing any more."""
+        for device in tuple(self._devices.values()):
+            for slot in tuple(device.slots.values()):
+                await self._attempt(self._sleep, device, slot)
+        await self._ports.tracks.flush()
+
+    def _device(self, device_id: str) -> _Device:
+        if device_id not in self._devices:
+            mailbox = Mailbox(self._limits.mailbox_batches, self._limits.retry_after_s)
+            self._devices[device_id] = _Device(mailbox)
+        return self._devices[device_id]
+
+    def _world(self, record: SessionRecord) -> tuple[SiteModel, Params]:
+        site = self._sites.current(record.site_id)
+        if site is None:
+            raise UnknownSiteError(record.site_id)
+        return site, self._sites.params(record.site_id, record.profile)
+
+    def _has_site(self, slot: _Slot) -> bool:
+        return self._sites.current(slot.record.site_id) is not None
+
+    async def _serve(self, device: _Device, batch: IncomingBatch) -> Submitted:
+        slot = device.slots.get(batch.session) or await self._open(device, batch)
+        record = slot.record
+        if record.site_id != batch.site_id or not is_same_clock(record.clock, batch.clock):
+            raise ClockChangedError(batch.session)
+        session = await self._awake(slot)
+        slot.seen_s = self._clock.now_s()
+        observations, rejected = observations_in_event_time(batch, record.clock)
+        logged = LoggedBatch(
+            session_id=record.session_id,
+            seq=batch.seq,
+            digest=batch.digest,
+            received_s=batch.received_s,
+            observations=observations,
+            rejected=rejected,
+            ignored=batch.ignored,
+        )
+        stored = await self._append(session, logged)
+        if stored is logged or session.is_unconfirmed(batch.seq):
+            await self._fold(device, slot, session, stored)
+        return Submitted(
+            session_id=record.session_id,
+            accepted=len(stored.observations),
+            rejected=stored.rejected,
+            ignored=stored.ignored,
+            output=session.output(),
+            duplicate=stored is not logged,
+        )
+
+    async def _open(self, device: _Device, batch: IncomingBatch) -> _Slot:
+        opened = SessionRecord(
+            session_id=uuid.uuid4().hex,
+            device_id=batch.device_id,
+            session=batch.session,
+            site_id=batch.site_id,
+            profile=batch.profile,
+            clock=freeze_clock(batch.clock, batch.received_s),
+            opened_s=batch.received_s,
+        )
+        self._world(opened)
+        record = await self._ports.log.open_session(opened)
+        if record.finished:
+            await self._ports.log.reopen_session(record.session_id)
+        slot = _Slot(record, batch.received_s, provisional=record.session_id != opened.session_id)
+        if not slot.provisional:
+            slot.live = self._new_session(record)
+        device.slots[batch.session] = slot
+        return slot
+
+    def _new_session(self, record: SessionRecord) -> DeviceSession:
+        return DeviceSession(record, lambda: self._world(record), self._ports, self._limits)
+
+    async def _awake(self, slot: _Slot) -> DeviceSession:
+        if slot.live is None:
+            session = self._new_session(slot.record)
+            await session.recover(provisional=slot.provisional)
+            slot.live = session
+        return slot.live
+
+    async def _append(self, session: DeviceSession, batch: LoggedBatch) -> LoggedBatch:
+        try:
+            stored = await self._ports.log.append(batch)
+        except LogUnavailableError:
+            session.mark_unconfirmed(batch.seq)
+            raise
+        if stored.digest != batch.digest:
+            raise BatchConflictError(batch.seq)
+        return stored
+
+    async def _fold(
+        self, device: _Device, slot: _Slot, session: DeviceSession, batch: LoggedBatch
+    ) -> None:
+        try:
+            changed = await session.take(batch)
+        except Exception:
+            # Half a batch may be folded: what comes next starts from the log again.
+            slot.live, slot.provisional = None, True
+            raise
+        output = session.output()
+        if changed and output is not None:
+            record = slot.record
+            self._latest[record.device_id] = _Latest(record.site_id, record.session_id, output)
+            self._hub.publish(record.site_id, record.device_id, output)
+        if session.snapshot_due:
+            device.mailbox.post(lambda: self._save(session))
+
+    async def _save(self, session: DeviceSession) -> None:
+        try:
+            await session.snapshot()
+        except LogUnavailableError:
+            logger.warning("session %s: snapshot put off", session.record.session_id)
+
+    async def _settle_all(self, device: _Device) -> None:
+        for slot in device.slots.values():
+            if self._has_site(slot):
+                session = await self._awake(slot)
+                await session.settle()
+
+    async def _attempt(
+        self, job: Callable[[_Device, _Slot], Awaitable[None]], device: _Device, slot: _Slot
+    ) -> None:
+        # One session's trouble is not the others': it is logged and tried again by the next sweep.
+        task = device.mailbox.post(lambda: job(device, slot))
+        await asyncio.wait([task])
+        if error := task.exception():
+            logger.error("session %s: %s", slot.record.session_id, error, exc_info=error)
+
+    async def _finish(self, device: _Device, slot: _Slot) -> None:
+        if self._has_site(slot):
+            session = await self._awake(slot)
+            await session.finish()
+        del device.slots[slot.record.session]
+
+    async def _sleep(self, _: _Device, slot: _Slot) -> None:
+        if slot.live is not None:
+            await slot.live.snapshot()
+            slot.provisional, slot.live = slot.live.provisional, None
+
+    def _seen_s_of_excess(self) -> float:
+        slots = (slot for device in self._devices.values() for slot in device.slots.values())
+        seen_s = sorted((slot.seen_s for slot in slots if slot.live), reverse=True)
+        return (
+            seen_s[self._limits.max_sessions]
+            if len(seen_s) > self._limits.max_sessions
+            else -math.inf
+        )

@@ -1,0 +1,115 @@
+"""The reorder window: a session's state now, and enough of its past to take in what comes late."""
+
+import math
+from bisect import bisect_right
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from app.core.engine import OrderKey, SessionState, order_key
+from app.core.params import Params
+from app.core.site import SiteModel
+from app.core.types import Observation, Output
+from app.sessions.ports import Fold
+
+
+@dataclass(frozen=True, slots=True)
+class Keyed:
+    """An observation with its place in the order of the fold."""
+
+    key: OrderKey
+    observation: Observation
+
+
+@dataclass(frozen=True, slots=True)
+class _Folded:
+    keyed: Keyed
+    first_output_s: float | None
+
+
+class ReorderWindow:
+    """Folds in key order over the last seconds of event time, whatever order things come in.
+
+    Holds immutable states about one second apart (checkpoints) and what was folded since the oldest
+    of them. What belongs before that is too late for the window.
+    """
+
+    def __init__(self, fold: Fold, state: SessionState, length_s: float) -> None:
+        self.state = state
+        self._fold = fold
+        self._length_s = length_s
+        self._checkpoints = [state]
+        self._folded: list[_Folded] = []
+
+    @property
+    def checkpoint(self) -> SessionState:
+        """The oldest state kept: nothing before it can change any more."""
+        return self._checkpoints[0]
+
+    def sort(self, observations: Iterable[Observation]) -> tuple[list[Keyed], int]:
+        """Return the unknown observations that fit the window, in order, and how many are too late.
+
+        An observation older than the window counts as late even if it was folded once: the window
+        no longer knows it.
+        """
+        known = {f.keyed.key for f in self._folded}
+        keyed = {key: o for o in observations if (key := order_key(o)) not in known}
+        oldest = self.checkpoint.last_key
+        fresh = [Keyed(key, keyed[key]) for key in sorted(keyed) if oldest is None or key > oldest]
+        late = sum(1 for key in keyed if oldest is not None and key < oldest)
+        return fresh, late
+
+    def rewind(self, key: OrderKey) -> tuple[list[Keyed], float | None]:
+        """Go back to the newest checkpoint before ``key``.
+
+        Returns what has to be folded again and the time of the first output that this undoes, if
+        there is one. Nothing happens when ``key`` is the newest.
+        """
+        if self.state.last_key is None or key > self.state.last_key:
+            return [], None
+        while len(self._checkpoints) > 1 and not _is_before(self._checkpoints[-1], key):
+            self._checkpoints.pop()
+        self.state = self._checkpoints[-1]
+        kept = self._count_folded(self.state)
+        undone = self._folded[kept:]
+        del self._folded[kept:]
+        first_s = next((f.first_output_s for f in undone if f.first_output_s is not None), None)
+        return [f.keyed for f in undone], first_s
+
+    def push(self, keyed: Keyed, site: SiteModel, params: Params) -> tuple[Output, ...]:
+        """Fold the next observation in order and return its outputs."""
+        self._keep_checkpoint(keyed.key[0])
+        self.state, outputs = self._fold.advance(self.state, keyed.observation, site, params)
+        self._folded.append(_Folded(keyed, outputs[0].time_s if outputs else None))
+        self._forget(keyed.key[0] - self._length_s)
+        return outputs
+
+    def _keep_checkpoint(self, next_s: float) -> None:
+        last_key = self.state.last_key
+        if last_key is None or self.state is self._checkpoints[-1]:
+            return
+        if math.floor(next_s) > math.floor(last_key[0]):
+            self._checkpoints.append(self.state)
+
+    def _forget(self, before_s: float) -> None:
+        excess = 0
+        for checkpoint in self._checkpoints[1:]:
+            if checkpoint.last_key is None or checkpoint.last_key[0] > before_s:
+                break
+            excess += 1
+        if excess:
+            del self._checkpoints[:excess]
+            del self._folded[: self._count_folded(self.checkpoint)]
+
+    def _count_folded(self, state: SessionState) -> int:
+        if state.last_key is None:
+            return 0
+        return bisect_right(self._folded, state.last_key, key=lambda f: f.keyed.key)
+
+
+def merge(fresh: list[Keyed], undone: list[Keyed]) -> list[Keyed]:
+    """Return both lists as one in order."""
+    return sorted(fresh + undone, key=lambda keyed: keyed.key)
+
+
+def _is_before(state: SessionState, key: OrderKey) -> bool:
+    return state.last_key is None or state.last_key < key

@@ -1,0 +1,182 @@
+"""One live session: folds what the log holds, in event-time order, and stores the points."""
+
+import asyncio
+import math
+from collections.abc import Callable, Iterable, Iterator
+
+from app.core.engine import OrderKey, SessionState, order_key
+from app.core.params import Params
+from app.core.session import LoggedBatch, SessionRecord
+from app.core.site import SiteModel
+from app.core.types import Observation, Output, TrackPoint
+from app.sessions.limits import SessionLimits
+from app.sessions.ports import SessionPorts
+from app.sessions.window import Keyed, ReorderWindow, merge
+
+# Event times count from the Unix epoch: nothing is older.
+BEGINNING_S = 0.0
+
+
+# The site and the parameters as they are now.
+World = Callable[[], tuple[SiteModel, Params]]
+
+
+class DeviceSession:
+    """The fold of one session; its device's mailbox calls it, one thing at a time.
+
+    ``provisional`` says that the stored track may lack something that the log holds: observations
+    that came too late for the window, batches whose write was given up but may have landed, or
+    anything of that kind before a restart. `settle` then folds the entire log again.
+    """
+
+    def __init__(
+        self, record: SessionRecord, world: World, ports: SessionPorts, limits: SessionLimits
+    ) -> None:
+        self.record = record
+        self._world = world
+        self._ports = ports
+        self._limits = limits
+        self._window = self._new_window(ports.fold.start())
+        self._saved_s = -math.inf
+        self._late = 0
+        self._unconfirmed: set[int] = set()
+        self._doubtful = False
+
+    async def recover(self, *, provisional: bool) -> None:
+        """Come back from the snapshot and the log after it."""
+        state = await self._ports.snapshots.load(self.record.session_id)
+        state = self._ports.fold.start() if state is None else state
+        since_s = None if state.last_key is None else state.last_key[0]
+        batches = await self._ports.log.read(self.record.session_id, since_s)
+        self._window = self._new_window(state)
+        self._saved_s = _time_s(state)
+        self._doubtful = provisional
+        everything = await _sort_all(_observations(batches), self._limits.fold_chunk)
+        todo = [k for k in everything if state.last_key is None or k.key > state.last_key]
+        outputs = await self._fold_all(self._window, todo)
+        from_s = min([_first_time_not_stored(state), *(o.time_s for o in outputs[:1])])
+        self._ports.tracks.replace_from(self.record.session_id, from_s, _points(outputs))
+
+    @property
+    def provisional(self) -> bool:
+        """Whether the stored track may lack something that was logged."""
+        return self._doubtful or self._late > 0 or bool(self._unconfirmed)
+
+    @property
+    def late(self) -> int:
+        """How many observations came too late for the window since the last settling."""
+        return self._late
+
+    @property
+    def snapshot_due(self) -> bool:
+        """Whether the last snapshot is older, in event time, than a restart should have to fold."""
+        age_s = _time_s(self._window.checkpoint) - self._saved_s
+        return age_s >= self._limits.snapshot_every_s
+
+    def output(self) -> Output | None:
+        """Return the position or its absence at the latest observation."""
+        outputs = self._ports.fold.finish(self._window.state, *self._world())
+        return outputs[-1] if outputs else None
+
+    def pending_points(self) -> tuple[TrackPoint, ...]:
+        """Return the points that the stored track would end with if nothing more came."""
+        return _points(self._ports.fold.finish(self._window.state, *self._world()))
+
+    def mark_unconfirmed(self, seq: int) -> None:
+        """Remember a batch whose write was given up: it may yet have landed in the log."""
+        self._unconfirmed.add(seq)
+
+    def is_unconfirmed(self, seq: int) -> bool:
+        """Tell whether a batch of the log may never have been folded."""
+        return seq in self._unconfirmed
+
+    async def take(self, batch: LoggedBatch) -> bool:
+        """Fold a logged batch; tell whether the state has changed."""
+        fresh, late = self._window.sort(batch.observations)
+        self._late += late
+        self._unconfirmed.discard(batch.seq)
+        if not fresh:
+            return False
+        undone, undone_s = self._window.rewind(fresh[0].key)
+        todo = merge(fresh, undone)
+        outputs = await self._fold_all(self._window, todo)
+        self._store(outputs, undone_s)
+        return True
+
+    async def settle(self) -> None:
+        """Make the stored track the exact track of everything logged."""
+        if not self.provisional:
+            return
+        batches = await self._ports.log.read(self.record.session_id)
+        window = self._new_window(self._ports.fold.start())
+        everything = await _sort_all(_observations(batches), self._limits.fold_chunk)
+        outputs = await self._fold_all(window, everything)
+        self._window = window
+        self._late = 0
+        self._doubtful = False
+        self._ports.tracks.replace_from(self.record.session_id, BEGINNING_S, _points(outputs))
+
+    async def finish(self) -> None:
+        """Store the final track, its last point too, and mark it as final."""
+        await self.settle()
+        # Should the phone come back before this is done, the last point is in its way.
+        self._doubtful = True
+        self._ports.tracks.write(self.record.session_id, self.pending_points())
+        await self._ports.tracks.flush()
+        await self._ports.log.finish_session(self.record.session_id)
+
+    async def snapshot(self) -> None:
+        """Save the checkpoint; the points up to it are with the track sink already."""
+        checkpoint = self._window.checkpoint
+        if checkpoint.last_key is not None:
+            await self._ports.snapshots.save(self.record.session_id, checkpoint)
+            self._saved_s = _time_s(checkpoint)
+
+    def _store(self, outputs: list[Output], undone_s: float | None) -> None:
+        session_id, points = self.record.session_id, _points(outputs)
+        if undone_s is not None:
+            from_s = min(undone_s, outputs[0].time_s) if outputs else undone_s
+            self._ports.tracks.replace_from(session_id, from_s, points)
+        elif points:
+            self._ports.tracks.write(session_id, points)
+
+    async def _fold_all(self, window: ReorderWindow, todo: list[Keyed]) -> list[Output]:
+        site, params = self._world()
+        outputs: list[Output] = []
+        for done, keyed in enumerate(todo, start=1):
+            outputs.extend(window.push(keyed, site, params))
+            if done % self._limits.fold_chunk == 0:
+                await asyncio.sleep(0)
+        return outputs
+
+    def _new_window(self, state: SessionState) -> ReorderWindow:
+        return ReorderWindow(self._ports.fold, state, self._limits.reorder_window_s)
+
+
+async def _sort_all(observations: Iterable[Observation], chunk: int) -> list[Keyed]:
+    keyed: dict[OrderKey, Observation] = {}
+    for done, observation in enumerate(observations, start=1):
+        keyed[order_key(observation)] = observation
+        if done % chunk == 0:
+            await asyncio.sleep(0)
+    return [Keyed(key, keyed[key]) for key in sorted(keyed)]
+
+
+def _observations(batches: Iterable[LoggedBatch]) -> Iterator[Observation]:
+    return (observation for batch in batches for observation in batch.observations)
+
+
+def _points(outputs: Iterable[Output]) -> tuple[TrackPoint, ...]:
+    return tuple(output for output in outputs if isinstance(output, TrackPoint))
+
+
+def _time_s(state: SessionState) -> float:
+    return -math.inf if state.last_key is None else state.last_key[0]
+
+
+def _first_time_not_stored(state: SessionState) -> float:
+    # The points up to a state lie on whole seconds up to its time. What is stored after them, be it
+    # the last point of a track that was final once, is not of this state.
+    if state.last_key is None:
+        return BEGINNING_S
+    return math.nextafter(math.floor(state.last_key[0]), math.inf)
