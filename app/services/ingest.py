@@ -1,0 +1,194 @@
+"""Taking a phone's batch: who may post it, for which device and site, and what went wrong."""
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Protocol
+
+from app.core.session import LogUnavailableError, Rejection
+from app.services.access import Principal, Role
+from app.services.errors import AppError, ErrorCode, invalid_field
+from app.sessions.batch import (
+    BatchConflictError,
+    ClockChangedError,
+    ClockReport,
+    IncomingBatch,
+    IncomingRecord,
+    MailboxFullError,
+    Submitted,
+    UnknownSiteError,
+)
+from app.sessions.ports import Clock, SiteSource
+from app.sessions.registry import SessionRegistry
+from app.storage.database import Database, DatabaseUnavailableError
+from app.storage.devices import StoredDevice, get_device
+from app.storage.enrolment import Sighting, record_sighting
+
+# What is remembered of a device is read again after this, and its last_seen written: an admin's
+# edit counts within a minute, and a phone posting every second costs one write a minute.
+_REMEMBER_S = 60.0
+_MAX_REMEMBERED = 50_000
+# A log that cannot be written has been waited for already; a phone keeps a day of batches.
+_RETRY_AFTER_S = 5
+
+
+class Sites(SiteSource, Protocol):
+    """What ingest needs to know of the sites."""
+
+    def site_ids(self) -> tuple[str, ...]:
+        """Return the ids of all sites."""
+        ...
+
+    def default_profile(self, site_id: str) -> str:
+        """Return the profile of sessions that name none."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Upload:
+    """One decoded body, as the edge understood it."""
+
+    device_id: str
+    platform: str
+    model: str
+    session: str
+    seq: int
+    digest: bytes
+    clock: ClockReport
+    records: tuple[IncomingRecord, ...]
+    rejected: tuple[Rejection, ...] = ()
+    ignored: int = 0
+    site_id: str | None = None
+    profile: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class _Remembered:
+    """A device as it was last read or written."""
+
+    until_s: float
+    device: StoredDevice
+
+
+class IngestService:
+    """Hands uploads to the live sessions."""
+
+    def __init__(
+        self, registry: SessionRegistry, sites: Sites, database: Database, clock: Clock
+    ) -> None:
+        self._registry = registry
+        self._sites = sites
+        self._database = database
+        self._clock = clock
+        self._remembered: dict[str, _Remembered] = {}
+
+    async def submit(self, principal: Principal, upload: Upload) -> tuple[str, Submitted]:
+        """Make an upload durable and fold it; return its site and the session's answer.
+
+        Raises
+        ------
+        AppError
+            For every refusal; 429 and 503 say when to come again.
+        """
+        _check_rights(principal, upload)
+        with _refusals(upload):
+            device = await self._device(upload.device_id)
+            site_id = self._site_of(principal, upload, device)
+            now_s = self._clock.now_s()
+            batch = IncomingBatch(
+                device_id=upload.device_id,
+                session=upload.session,
+                seq=upload.seq,
+                digest=upload.digest,
+                site_id=site_id,
+                profile=upload.profile or device.profile or self._sites.default_profile(site_id),
+                received_s=now_s,
+                clock=upload.clock,
+                records=upload.records,
+                rejected=upload.rejected,
+                ignored=upload.ignored,
+            )
+            submitted = await self._registry.submit(batch)
+            self._note_sighting(upload, device, site_id, now_s)
+            return site_id, submitted
+
+    async def _device(self, device_id: str) -> StoredDevice:
+        remembered = self._remembered.get(device_id)
+        if remembered is not None and self._clock.now_s() < remembered.until_s:
+            return remembered.device
+        stored = await self._database.read(lambda connection: get_device(connection, device_id))
+        return stored or StoredDevice(device_id)
+
+    def _site_of(self, principal: Principal, upload: Upload, device: StoredDevice) -> str:
+        if upload.site_id is not None:
+            site_id: str | None = upload.site_id
+        elif device.site_id is not None and principal.covers_site(device.site_id):
+            site_id = device.site_id
+        else:
+            site_id = principal.site_id or self._only_site()
+        if site_id is None:
+            raise AppError(
+                ErrorCode.SITE_REQUIRED, "say the site: the server has not exactly one of them"
+            )
+        if not principal.covers_site(site_id):
+            raise AppError(ErrorCode.SITE_FORBIDDEN, f"the token is not for site {site_id!r}")
+        if self._sites.current(site_id) is None:
+            raise UnknownSiteError(site_id)
+        return site_id
+
+    def _only_site(self) -> str | None:
+        site_ids = self._sites.site_ids()
+        return site_ids[0] if len(site_ids) == 1 else None
+
+    def _note_sighting(
+        self, upload: Upload, device: StoredDevice, site_id: str, now_s: float
+    ) -> None:
+        remembered = self._remembered.get(upload.device_id)
+        if remembered is not None and now_s < remembered.until_s and device.site_id == site_id:
+            return
+        sighting = Sighting(upload.device_id, site_id, upload.platform, upload.model, now_s)
+        self._database.submit(lambda connection: record_sighting(connection, sighting))
+        if len(self._remembered) >= _MAX_REMEMBERED:
+            self._remembered.clear()
+        seen = StoredDevice(upload.device_id, site_id, profile=device.profile)
+        self._remembered[upload.device_id] = _Remembered(now_s + _REMEMBER_S, seen)
+
+
+def _check_rights(principal: Principal, upload: Upload) -> None:
+    if not principal.covers_device(upload.device_id):
+        raise AppError(
+            ErrorCode.DEVICE_FORBIDDEN, f"the token is not for device {upload.device_id!r}"
+        )
+    if upload.clock.recorded and principal.role not in (Role.SURVEYOR, Role.ADMIN):
+        raise AppError(ErrorCode.ROLE_FORBIDDEN, "only surveyors and admins post recordings")
+
+
+@contextmanager
+def _refusals(upload: Upload) -> Iterator[None]:
+    """Turn what sessions and storage raise into what a client is told."""
+    try:
+        yield
+    except MailboxFullError as error:
+        raise AppError(
+            ErrorCode.TOO_MANY_REQUESTS,
+            "too many batches of this device are waiting",
+            retry_after_s=math.ceil(error.retry_after_s),
+        ) from error
+    except (LogUnavailableError, DatabaseUnavailableError) as error:
+        raise AppError(
+            ErrorCode.UNAVAILABLE,
+            "the batch could not be stored; send it again later",
+            retry_after_s=_RETRY_AFTER_S,
+        ) from error
+    except BatchConflictError as error:
+        raise AppError(
+            ErrorCode.SEQ_CONFLICT, f"seq {upload.seq} was taken by other records"
+        ) from error
+    except ClockChangedError as error:
+        raise AppError(
+            ErrorCode.CLOCK_CHANGED,
+            "another boot, clock mode or site than the session was opened with; open a new session",
+        ) from error
+    except UnknownSiteError as error:
+        raise invalid_field(pointer="#/site", detail="there is no such site") from error
