@@ -7,6 +7,13 @@ export class ApiError extends Error {
   }
 }
 
+/** Nobody answered: the server or the way to it is gone, perhaps for a moment. */
+export class ServerLostError extends Error {
+  constructor() {
+    super("The server does not answer.");
+  }
+}
+
 let serverOffsetMs = 0;
 
 /** The server's wall clock, to the second: ages must not depend on the viewer's clock. */
@@ -40,7 +47,7 @@ async function listAll(path, query = {}) {
   let cursor = null;
   do {
     const search = new URLSearchParams({ ...query, limit: 500, ...(cursor && { cursor }) });
-    const page = await (await request(`${path}?${search}`)).json();
+    const page = await request(`${path}?${search}`);
     items.push(...page.items);
     cursor = page.next_cursor;
   } while (cursor);
@@ -48,17 +55,25 @@ async function listAll(path, query = {}) {
 }
 
 async function request(path, options = {}) {
-  const response = await fetch(path, { credentials: "same-origin", ...options });
+  const { response, body } = await exchange(path, options);
   const date = Date.parse(response.headers.get("Date"));
   if (!Number.isNaN(date)) serverOffsetMs = date - Date.now();
-  if (!response.ok) throw new ApiError(response.status, await problemDetail(response));
-  return response;
+  if (!response.ok) throw new ApiError(response.status, problemWords(response, body));
+  return body ? JSON.parse(body) : null;
 }
 
-async function problemDetail(response) {
-  if (!response.headers.get("Content-Type")?.startsWith("application/problem+json")) {
-    return response.statusText;
+async function exchange(path, options) {
+  try {
+    const response = await fetch(path, { credentials: "same-origin", ...options });
+    return { response, body: await response.text() };
+  } catch {
+    throw new ServerLostError();
   }
-  const problem = await response.json();
-  return problem.detail ?? problem.title;
+}
+
+function problemWords(response, body) {
+  const isProblem = response.headers.get("Content-Type")?.startsWith("application/problem+json");
+  if (!isProblem) return `${response.status} ${response.statusText}`;
+  const { detail, title } = JSON.parse(body);
+  return detail ?? title;
 }

@@ -16,6 +16,7 @@ const NO_FIX_REASONS = {
   outside_mapped_area: "The phone seems to be outside the mapped area.",
   no_radio_map_or_beacons: "This site has no radio map and no beacons.",
   not_started: "Too little has been heard since the session began.",
+  nothing_observed: "The phone has told nothing yet.",
 };
 
 export const STATUS_NAMES = { live: "Live", stale: "Stale", offline: "Offline" };

@@ -45,7 +45,7 @@ export function createList(store, actions, nowMs) {
   function renderEmpty(count) {
     empty.hidden = count > 0;
     list.hidden = count === 0;
-    setText(empty, store.state.people.size ? "Nobody matches." : "No phone has reported yet.");
+    setText(empty, emptyWords(store.state));
   }
 
   /** Scroll the selected row into sight, once per selection: the viewer may scroll away. */
@@ -67,6 +67,13 @@ export function createList(store, actions, nowMs) {
     render();
   });
   return { render };
+}
+
+function emptyWords(state) {
+  if (state.people.size) return "Nobody matches.";
+  if (state.connection !== "live") return "";
+  if (state.siteId === null) return "This server has no site yet. Import one with “pharos import”.";
+  return "No phone has reported yet.";
 }
 
 let rowCount = 0;

@@ -79,7 +79,7 @@ export function createLive(store, actions, clocks) {
     subscription = keepSubscribed({
       url: api.streamUrl(window.location),
       prepare,
-      isFatal: (error) => error instanceof api.ApiError && error.status < 500,
+      isPassing: (error) => error instanceof api.ServerLostError || error.status >= 500,
       // A snapshot tells what was, an event what is: only it proves that the phone is there now.
       onSnapshot: (reports) => receive(reports, (report) => Date.parse(report.time)),
       onEvent: (reports) => receive(reports, clocks.wallMs),
@@ -104,5 +104,5 @@ export function createLive(store, actions, clocks) {
 
 /** The stream notices a lost server by itself and asks for names again when it is back. */
 function ignoreLostServer(error) {
-  if (!(error instanceof TypeError)) throw error;
+  if (!(error instanceof api.ServerLostError)) throw error;
 }

@@ -35,8 +35,8 @@ export function withFix(person, fix, seenMs, clockMs) {
     ...person,
     fix,
     noFixReason: null,
-    seenMs,
-    fixSeenMs: seenMs,
+    seenMs: Math.max(person.seenMs, seenMs),
+    fixSeenMs: Math.max(person.fixSeenMs, seenMs),
     from: glides ? shown : { x: fix.x, y: fix.y },
     startMs: clockMs,
     durationMs: glides ? Math.min(LONGEST_GLIDE_MS, Math.max(SHORTEST_GLIDE_MS, sinceLastMs)) : 0,
@@ -46,7 +46,7 @@ export function withFix(person, fix, seenMs, clockMs) {
 
 /** The person after a report without a position: the last one stays, and grows stale. */
 export function withoutFix(person, reason, seenMs) {
-  return { ...person, noFixReason: reason, seenMs };
+  return { ...person, noFixReason: reason, seenMs: Math.max(person.seenMs, seenMs) };
 }
 
 /** Where to draw the person now, or null if they never had a position. */

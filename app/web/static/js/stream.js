@@ -17,14 +17,15 @@ export function backoffDelayMs(attempt, random) {
  * Keep a subscription alive until `stop()`.
  *
  * prepare     async, before each attempt: load what may have changed; returns the subscription's
- *             filter, or throws an error that `isFatal` knows
+ *             filter, or throws; an error that `isPassing` knows is worth another attempt
  * onSnapshot, onEvent   receive the list of items of a frame
  * onConnection("live" | "reconnecting" | "failed", problem)
  */
-export function keepSubscribed({ url, prepare, isFatal, onSnapshot, onEvent, onConnection }) {
+export function keepSubscribed({ url, prepare, isPassing, onSnapshot, onEvent, onConnection }) {
   let stopped = false;
   let attempt = 0;
   let socket = null;
+  let refusal = ""; // the server's words when it refused the subscription
   let wake = () => {};
 
   async function run() {
@@ -33,13 +34,13 @@ export function keepSubscribed({ url, prepare, isFatal, onSnapshot, onEvent, onC
         const filter = await prepare();
         if (!stopped) await converse(filter);
       } catch (error) {
-        if (isFatal(error)) {
+        if (!isPassing(error)) {
           onConnection("failed", error.message);
-          return;
+          throw error;
         }
       }
       if (stopped) return;
-      onConnection("reconnecting", "");
+      onConnection("reconnecting", refusal);
       await pause(backoffDelayMs(attempt, Math.random()));
       attempt += 1;
     }
@@ -58,11 +59,13 @@ export function keepSubscribed({ url, prepare, isFatal, onSnapshot, onEvent, onC
   function receive(frame) {
     if (frame.op === "subscribed") {
       attempt = 0;
+      refusal = "";
       onSnapshot(frame.snapshot);
       onConnection("live", "");
     } else if (frame.op === "event") {
       onEvent(frame.data);
     } else if (frame.op === "error") {
+      refusal = frame.detail;
       socket.close();
     }
   }
