@@ -14,15 +14,24 @@ def writing_engine(url: str) -> Engine:
     return _engine(url, connections=1, reading=False)
 
 
+def migrating_engine(url: str) -> Engine:
+    """Return an engine for changes of the schema: like the writer's, but blind to foreign keys.
+
+    SQLite changes a table by replacing it; with foreign keys on, dropping the old one would delete
+    the rows that refer to it. PostgreSQL alters in place and needs no such thing.
+    """
+    return _engine(url, connections=1, reading=False, foreign_keys=False)
+
+
 def reading_engine(url: str, readers: int) -> Engine:
     """Return an engine whose connections refuse to write."""
     return _engine(url, connections=readers, reading=True)
 
 
-def _engine(url: str, *, connections: int, reading: bool) -> Engine:
+def _engine(url: str, *, connections: int, reading: bool, foreign_keys: bool = True) -> Engine:
     parsed = make_url(url)
     if parsed.get_backend_name() == "sqlite":
-        return _sqlite(parsed, connections, reading=reading)
+        return _sqlite(parsed, connections, reading=reading, foreign_keys=foreign_keys)
     if parsed.get_backend_name() == "postgresql":
         return _postgresql(parsed, connections, reading=reading)
     msg = f"neither a sqlite nor a postgresql URL: {parsed.render_as_string()}"
@@ -40,7 +49,7 @@ def _postgresql(url: URL, connections: int, *, reading: bool) -> Engine:
     )
 
 
-def _sqlite(url: URL, connections: int, *, reading: bool) -> Engine:
+def _sqlite(url: URL, connections: int, *, reading: bool, foreign_keys: bool) -> Engine:
     if not url.database or url.database == ":memory:":
         msg = "SQLite needs a file: every connection to memory would be a database of its own"
         raise ValueError(msg)
@@ -54,7 +63,7 @@ def _sqlite(url: URL, connections: int, *, reading: bool) -> Engine:
         connection.isolation_level = None
         connection.execute(f"PRAGMA busy_timeout = {BUSY_TIMEOUT_MS}")
         connection.execute("PRAGMA journal_mode = WAL")
-        connection.execute("PRAGMA foreign_keys = ON")
+        connection.execute(f"PRAGMA foreign_keys = {int(foreign_keys)}")
         # FULL syncs the write-ahead log at every commit: what was acknowledged to a phone, which
         # then forgets it, survives a power cut. NORMAL would survive only the end of the process.
         connection.execute("PRAGMA synchronous = FULL")

@@ -4,6 +4,8 @@ Times are seconds since the Unix epoch as 64-bit floats (``*_s``); ``time_us`` i
 in whole microseconds where it serves as a key. ``row_version`` counts the edits of a row: its ETag.
 """
 
+from collections.abc import Callable
+
 from sqlalchemy import (
     JSON,
     BigInteger,
@@ -21,6 +23,27 @@ from sqlalchemy import (
     UniqueConstraint,
     text,
 )
+from sqlalchemy.types import TypeEngine, UserDefinedType
+
+
+class ExactFloat(UserDefinedType[float]):
+    """A 64-bit float that SQLite stores untouched.
+
+    A column declared as a floating type has REAL affinity, under which SQLite turns -0.0 into 0.0;
+    one declared BLOB has none, and every bit that went in comes out.
+    """
+
+    cache_ok = True
+
+    def get_col_spec(self, **_: object) -> str:
+        """Return the declared type."""
+        return "BLOB"
+
+    def bind_processor(self, dialect: object) -> Callable[[float | None], float | None]:
+        """Return a function that makes floats of integers and NumPy scalars."""
+        _ = dialect
+        return lambda value: None if value is None else float(value)
+
 
 METADATA = MetaData(
     naming_convention={
@@ -34,6 +57,7 @@ METADATA = MetaData(
 
 # SQLite numbers rows by itself only in a column declared INTEGER; there that is 64 bits wide too.
 ROW_ID = BigInteger().with_variant(Integer(), "sqlite")
+EXACT_FLOAT: TypeEngine[float] = Double().with_variant(ExactFloat(), "sqlite")
 # Absent JSON is SQL NULL, never the JSON text "null".
 JSON_OR_NULL = JSON(none_as_null=True)
 
@@ -301,24 +325,24 @@ TRACK_POINTS = Table(
     METADATA,
     _session_key(),
     Column("time_us", BigInteger, primary_key=True, autoincrement=False),
-    Column("time_s", Double, nullable=False),
+    Column("time_s", EXACT_FLOAT, nullable=False),
     # No foreign key: what was recorded on a floor outlives the floor's removal from the registry.
     Column("floor_id", String, nullable=False),
-    Column("x_m", Double, nullable=False),
-    Column("y_m", Double, nullable=False),
-    Column("covariance_xx_m2", Double, nullable=False),
-    Column("covariance_xy_m2", Double, nullable=False),
-    Column("covariance_yy_m2", Double, nullable=False),
-    Column("radius95_m", Double, nullable=False),
-    Column("speed_mps", Double, nullable=False),
-    Column("heading_rad", Double),
+    Column("x_m", EXACT_FLOAT, nullable=False),
+    Column("y_m", EXACT_FLOAT, nullable=False),
+    Column("covariance_xx_m2", EXACT_FLOAT, nullable=False),
+    Column("covariance_xy_m2", EXACT_FLOAT, nullable=False),
+    Column("covariance_yy_m2", EXACT_FLOAT, nullable=False),
+    Column("radius95_m", EXACT_FLOAT, nullable=False),
+    Column("speed_mps", EXACT_FLOAT, nullable=False),
+    Column("heading_rad", EXACT_FLOAT),
     Column("motion", String, nullable=False),
     Column("method", String, nullable=False),
-    Column("floor_confidence", Double, nullable=False),
+    Column("floor_confidence", EXACT_FLOAT, nullable=False),
     Column("used_beacons", Integer, nullable=False),
     Column("used_access_points", Integer, nullable=False),
     Column("used_steps", Integer, nullable=False),
-    Column("age_s", Double, nullable=False),
+    Column("age_s", EXACT_FLOAT, nullable=False),
     Column("profile", String, nullable=False),
     Column("zones", JSON, nullable=False),
     Index("ix_track_points_floor_id_time_us", "floor_id", "time_us"),

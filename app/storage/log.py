@@ -1,0 +1,270 @@
+"""The observation log: every acknowledged batch of every session, in the order of its arrival."""
+
+from collections.abc import Callable
+from functools import partial
+from typing import TypeVar
+
+from sqlalchemy import Connection, Row, Select, bindparam, select, update
+from sqlalchemy.exc import OperationalError
+
+from app.core.engine import event_time_s
+from app.core.session import (
+    LoggedBatch,
+    LogUnavailableError,
+    Rejection,
+    SessionClock,
+    SessionRecord,
+)
+from app.core.types import (
+    Barometer,
+    BleScan,
+    ImuBlock,
+    Observation,
+    Pedometer,
+    Steps,
+    Truth,
+    WifiScan,
+)
+from app.storage.codec import VariantCodec
+from app.storage.database import Database, DatabaseUnavailableError
+from app.storage.tables import DEVICES, OBSERVATION_BATCHES, SESSIONS
+from app.storage.upsert import Values, insert_new
+
+T = TypeVar("T")
+
+OBSERVATIONS: VariantCodec[Observation] = VariantCodec(
+    {
+        "wifi": WifiScan,
+        "ble": BleScan,
+        "steps": Steps,
+        "pedometer": Pedometer,
+        "imu": ImuBlock,
+        "baro": Barometer,
+        "truth": Truth,
+    }
+)
+_REJECTIONS = VariantCodec({"rejection": Rejection})
+
+# Batches rewritten by retention in one transaction: short enough that no phone waits for it.
+PURGE_STRIDE = 64
+
+
+class SqlObservationLog:
+    """The log in the database.
+
+    Parameters
+    ----------
+    limit_s
+        How long a write may take before the phone is told to come back.
+    """
+
+    def __init__(self, database: Database, limit_s: float = 2.0) -> None:
+        self._database = database
+        self._limit_s = limit_s
+
+    async def open_session(self, record: SessionRecord) -> SessionRecord:
+        """Store a new session, or return the stored one of the same device and session name."""
+        return await self._write(partial(_open_session, record))
+
+    async def find_session(self, device_id: str, session: str) -> SessionRecord | None:
+        """Return a session by the phone's names for it."""
+        return await self._database.read(partial(_find_session, device_id, session))
+
+    async def unfinished_sessions(self, device_id: str | None = None) -> list[SessionRecord]:
+        """Return sessions whose final track has not been stored yet, oldest first."""
+        query = select(SESSIONS).where(~SESSIONS.c.finished).order_by(SESSIONS.c.opened_s)
+        if device_id is not None:
+            query = query.where(SESSIONS.c.device_id == device_id)
+        return await self._database.read(lambda c: [_record(row) for row in c.execute(query)])
+
+    async def append(self, batch: LoggedBatch) -> LoggedBatch:
+        """Make a batch durable and return it; of a known seq, return the stored batch.
+
+        Raises
+        ------
+        LogUnavailableError
+            If it could not be made durable within the limit.
+        """
+        known = await self._write(partial(_append, _batch_values(batch)))
+        return batch if known is None else known
+
+    async def read(self, session_id: str, since_s: float | None = None) -> list[LoggedBatch]:
+        """Return the batches that reach to event time ``since_s`` or beyond (None: all)."""
+        query = _batches().where(OBSERVATION_BATCHES.c.session_id == session_id)
+        if since_s is not None:
+            query = query.where(OBSERVATION_BATCHES.c.last_s >= since_s)
+        query = query.order_by(OBSERVATION_BATCHES.c.id)
+        return await self._database.read(lambda c: [_batch(row) for row in c.execute(query)])
+
+    async def finish_session(self, session_id: str) -> None:
+        """Mark the session's final track as stored."""
+        finish = update(SESSIONS).where(SESSIONS.c.id == session_id).values(finished=True)
+        await self._database.write(lambda c: c.execute(finish).close())
+
+    async def _write(self, statement: Callable[[Connection], T]) -> T:
+        try:
+            return await self._database.write(statement, self._limit_s)
+        except (DatabaseUnavailableError, OperationalError) as error:
+            raise LogUnavailableError(str(error)) from error
+
+
+async def purge_imu(database: Database, before_s: float) -> int:
+    """Remove raw IMU received before ``before_s`` from finished sessions; return batches changed.
+
+    A session that is not finished keeps it: its final track is folded from the whole log.
+    """
+    return await _purge(database, partial(_purge_imu_stride, before_s))
+
+
+async def purge_observations(database: Database, site_id: str, before_s: float) -> int:
+    """Empty the batches of a site's finished sessions received before ``before_s``.
+
+    Their seq and digest stay, so that a late retry is still known. Returns how many were emptied.
+    """
+    return await _purge(database, partial(_purge_observations_stride, site_id, before_s))
+
+
+async def _purge(database: Database, stride: Callable[[Connection], int]) -> int:
+    changed = 0
+    while step := await database.write(stride):
+        changed += step
+    return changed
+
+
+def _purge_imu_stride(before_s: float, connection: Connection) -> int:
+    batches = OBSERVATION_BATCHES
+    query = (
+        select(batches.c.id, batches.c.payload)
+        .join(SESSIONS, SESSIONS.c.id == batches.c.session_id)
+        .where(batches.c.has_imu, batches.c.received_s < before_s, SESSIONS.c.finished)
+        .limit(PURGE_STRIDE)
+    )
+    purged = [
+        {"row_id": row.id, **_content([o for o in decoded if not isinstance(o, ImuBlock)])}
+        for row in connection.execute(query)
+        for decoded in [OBSERVATIONS.decode(row.payload)]
+    ]
+    if purged:
+        by_id = update(batches).where(batches.c.id == bindparam("row_id"))
+        connection.execute(by_id, purged)
+    return len(purged)
+
+
+def _purge_observations_stride(site_id: str, before_s: float, connection: Connection) -> int:
+    batches = OBSERVATION_BATCHES
+    stride = (
+        select(batches.c.id)
+        .join(SESSIONS, SESSIONS.c.id == batches.c.session_id)
+        .where(
+            SESSIONS.c.site_id == site_id,
+            SESSIONS.c.finished,
+            batches.c.received_s < before_s,
+            batches.c.last_s.is_not(None),
+        )
+        .limit(PURGE_STRIDE)
+    )
+    emptied = update(batches).where(batches.c.id.in_(stride)).values(_content([]))
+    return connection.execute(emptied).rowcount
+
+
+def _open_session(record: SessionRecord, connection: Connection) -> SessionRecord:
+    device = {
+        "id": record.device_id,
+        "site_id": record.site_id,
+        "first_seen_s": record.opened_s,
+        "last_seen_s": record.opened_s,
+    }
+    insert_new(connection, DEVICES, device, DEVICES.c.id)
+    insert_new(connection, SESSIONS, _values(record), SESSIONS.c.device_id, SESSIONS.c.session)
+    stored = _find_session(record.device_id, record.session, connection)
+    return record if stored is None else stored
+
+
+def _find_session(device_id: str, session: str, connection: Connection) -> SessionRecord | None:
+    query = select(SESSIONS).where(SESSIONS.c.device_id == device_id, SESSIONS.c.session == session)
+    row = connection.execute(query).first()
+    return None if row is None else _record(row)
+
+
+def _append(values: Values, connection: Connection) -> LoggedBatch | None:
+    """Store a batch; return the stored one instead if its seq is known."""
+    batches = OBSERVATION_BATCHES
+    if insert_new(connection, batches, values, batches.c.session_id, batches.c.seq):
+        return None
+    query = _batches().where(
+        batches.c.session_id == values["session_id"], batches.c.seq == values["seq"]
+    )
+    return _batch(connection.execute(query).one())
+
+
+def _batch_values(batch: LoggedBatch) -> Values:
+    return {
+        "session_id": batch.session_id,
+        "seq": batch.seq,
+        "digest": batch.digest,
+        "received_s": batch.received_s,
+        "rejected": _REJECTIONS.encode(batch.rejected),
+        "ignored": batch.ignored,
+        **_content(batch.observations),
+    }
+
+
+def _content(observations: tuple[Observation, ...] | list[Observation]) -> dict[str, object]:
+    """Return the columns that depend on what a batch holds."""
+    return {
+        "first_s": min((o.time_s for o in observations), default=None),
+        "last_s": max((event_time_s(o) for o in observations), default=None),
+        "has_imu": any(isinstance(o, ImuBlock) for o in observations),
+        "payload": OBSERVATIONS.encode(observations),
+    }
+
+
+def _batches() -> Select[tuple[object, ...]]:
+    names = ("session_id", "seq", "digest", "received_s", "payload", "rejected", "ignored")
+    return select(*(OBSERVATION_BATCHES.c[name] for name in names))
+
+
+def _batch(row: Row[tuple[object, ...]]) -> LoggedBatch:
+    return LoggedBatch(
+        session_id=row.session_id,
+        seq=row.seq,
+        digest=row.digest,
+        received_s=row.received_s,
+        observations=OBSERVATIONS.decode(row.payload),
+        rejected=_REJECTIONS.decode(row.rejected),
+        ignored=row.ignored,
+    )
+
+
+def _values(record: SessionRecord) -> Values:
+    return {
+        "id": record.session_id,
+        "device_id": record.device_id,
+        "session": record.session,
+        "site_id": record.site_id,
+        "profile": record.profile,
+        "clock_recorded": record.clock.recorded,
+        "clock_offset_s": record.clock.offset_s,
+        "clock_mono_to_wall_s": record.clock.mono_to_wall_s,
+        "clock_boot_id": record.clock.boot_id,
+        "opened_s": record.opened_s,
+        "finished": record.finished,
+    }
+
+
+def _record(row: Row[tuple[object, ...]]) -> SessionRecord:
+    return SessionRecord(
+        session_id=row.id,
+        device_id=row.device_id,
+        session=row.session,
+        site_id=row.site_id,
+        profile=row.profile,
+        clock=SessionClock(
+            recorded=row.clock_recorded,
+            offset_s=row.clock_offset_s,
+            mono_to_wall_s=row.clock_mono_to_wall_s,
+            boot_id=row.clock_boot_id,
+        ),
+        opened_s=row.opened_s,
+        finished=row.finished,
+    )
