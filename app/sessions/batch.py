@@ -18,7 +18,7 @@ class ClockReport:
 
 @dataclass(frozen=True, slots=True)
 class IncomingRecord:
-    """One valid record by its place in the batch; times are the phone's wall or monotonic clock's."""
+    """One valid record by its place in the batch, timed by the phone's wall or monotonic clock."""
 
     index: int
     observation: Observation

@@ -6,6 +6,7 @@ import math
 import uuid
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
+from functools import partial
 
 from app.core.params import Params
 from app.core.session import LoggedBatch, LogUnavailableError, SessionRecord
@@ -40,6 +41,7 @@ class _Slot:
 
 @dataclass(slots=True)
 class _Device:
+    device_id: str
     mailbox: Mailbox
     slots: dict[str, _Slot] = field(default_factory=dict)
 
@@ -133,23 +135,22 @@ class SessionRegistry:
         for device_id, device in tuple(self._devices.items()):
             for slot in tuple(device.slots.values()):
                 if slot.seen_s <= over_s:
-                    await self._attempt(self._finish, device, slot)
+                    await self._attempt(device, partial(self._finish, device, slot))
                 elif slot.live and slot.seen_s <= asleep_s:
-                    await self._attempt(self._sleep, device, slot)
+                    await self._attempt(device, partial(self._sleep, slot))
             if not device.slots and device.mailbox.idle:
                 del self._devices[device_id]
 
     async def close(self) -> None:
         """Save all sessions and wait until everything is stored; submit nothing any more."""
         for device in tuple(self._devices.values()):
-            for slot in tuple(device.slots.values()):
-                await self._attempt(self._sleep, device, slot)
+            await self._attempt(device, partial(self._sleep_all, device))
         await self._ports.tracks.flush()
 
     def _device(self, device_id: str) -> _Device:
         if device_id not in self._devices:
             mailbox = Mailbox(self._limits.mailbox_batches, self._limits.retry_after_s)
-            self._devices[device_id] = _Device(mailbox)
+            self._devices[device_id] = _Device(device_id, mailbox)
         return self._devices[device_id]
 
     def _world(self, record: SessionRecord) -> tuple[SiteModel, Params]:
@@ -162,6 +163,8 @@ class SessionRegistry:
         return self._sites.current(slot.record.site_id) is not None
 
     async def _serve(self, device: _Device, batch: IncomingBatch) -> Submitted:
+        if self._sites.current(batch.site_id) is None:
+            raise UnknownSiteError(batch.site_id)
         slot = device.slots.get(batch.session) or await self._open(device, batch)
         record = slot.record
         if record.site_id != batch.site_id or not is_same_clock(record.clock, batch.clock):
@@ -179,14 +182,20 @@ class SessionRegistry:
             ignored=batch.ignored,
         )
         stored = await self._append(session, logged)
+        changed = False
         if stored is logged or session.is_unconfirmed(batch.seq):
-            await self._fold(device, slot, session, stored)
+            changed = await self._fold(slot, session, stored)
+        output = session.output()
+        if changed and output is not None:
+            self._show(record, output)
+        if session.snapshot_due:
+            device.mailbox.post(partial(self._save, session))
         return Submitted(
             session_id=record.session_id,
             accepted=len(stored.observations),
             rejected=stored.rejected,
             ignored=stored.ignored,
-            output=session.output(),
+            output=output,
             duplicate=stored is not logged,
         )
 
@@ -200,7 +209,6 @@ class SessionRegistry:
             clock=freeze_clock(batch.clock, batch.received_s),
             opened_s=batch.received_s,
         )
-        self._world(opened)
         record = await self._ports.log.open_session(opened)
         if record.finished:
             await self._ports.log.reopen_session(record.session_id)
@@ -230,22 +238,17 @@ class SessionRegistry:
             raise BatchConflictError(batch.seq)
         return stored
 
-    async def _fold(
-        self, device: _Device, slot: _Slot, session: DeviceSession, batch: LoggedBatch
-    ) -> None:
+    async def _fold(self, slot: _Slot, session: DeviceSession, batch: LoggedBatch) -> bool:
         try:
-            changed = await session.take(batch)
+            return await session.take(batch)
         except Exception:
             # Half a batch may be folded: what comes next starts from the log again.
             slot.live, slot.provisional = None, True
             raise
-        output = session.output()
-        if changed and output is not None:
-            record = slot.record
-            self._latest[record.device_id] = _Latest(record.site_id, record.session_id, output)
-            self._hub.publish(record.site_id, record.device_id, output)
-        if session.snapshot_due:
-            device.mailbox.post(lambda: self._save(session))
+
+    def _show(self, record: SessionRecord, output: Output) -> None:
+        self._latest[record.device_id] = _Latest(record.site_id, record.session_id, output)
+        self._hub.publish(record.site_id, record.device_id, output)
 
     async def _save(self, session: DeviceSession) -> None:
         try:
@@ -259,14 +262,12 @@ class SessionRegistry:
                 session = await self._awake(slot)
                 await session.settle()
 
-    async def _attempt(
-        self, job: Callable[[_Device, _Slot], Awaitable[None]], device: _Device, slot: _Slot
-    ) -> None:
-        # One session's trouble is not the others': it is logged and tried again by the next sweep.
-        task = device.mailbox.post(lambda: job(device, slot))
+    async def _attempt(self, device: _Device, job: Callable[[], Awaitable[None]]) -> None:
+        # One device's trouble is not the others': it is logged and tried again by the next sweep.
+        task = device.mailbox.post(job)
         await asyncio.wait([task])
         if error := task.exception():
-            logger.error("session %s: %s", slot.record.session_id, error, exc_info=error)
+            logger.error("device %s: %r", device.device_id, error, exc_info=error)
 
     async def _finish(self, device: _Device, slot: _Slot) -> None:
         if self._has_site(slot):
@@ -274,16 +275,17 @@ class SessionRegistry:
             await session.finish()
         del device.slots[slot.record.session]
 
-    async def _sleep(self, _: _Device, slot: _Slot) -> None:
+    async def _sleep(self, slot: _Slot) -> None:
         if slot.live is not None:
             await slot.live.snapshot()
             slot.provisional, slot.live = slot.live.provisional, None
 
+    async def _sleep_all(self, device: _Device) -> None:
+        for slot in device.slots.values():
+            await self._sleep(slot)
+
     def _seen_s_of_excess(self) -> float:
         slots = (slot for device in self._devices.values() for slot in device.slots.values())
         seen_s = sorted((slot.seen_s for slot in slots if slot.live), reverse=True)
-        return (
-            seen_s[self._limits.max_sessions]
-            if len(seen_s) > self._limits.max_sessions
-            else -math.inf
-        )
+        excess = seen_s[self._limits.max_sessions :]
+        return excess[0] if excess else -math.inf

@@ -45,8 +45,8 @@ class ReorderWindow:
         """The oldest state kept: nothing before it can change any more."""
         return self._checkpoints[0]
 
-    def sort(self, observations: Iterable[Observation]) -> tuple[list[Keyed], int]:
-        """Return the unknown observations that fit the window, in order, and how many are too late.
+    def sort(self, observations: Iterable[Observation]) -> tuple[list[Keyed], bool]:
+        """Return the unknown observations that fit the window, in order; tell if any is too late.
 
         An observation older than the window counts as late even if it was folded once: the window
         no longer knows it.
@@ -55,7 +55,7 @@ class ReorderWindow:
         keyed = {key: o for o in observations if (key := order_key(o)) not in known}
         oldest = self.checkpoint.last_key
         fresh = [Keyed(key, keyed[key]) for key in sorted(keyed) if oldest is None or key > oldest]
-        late = sum(1 for key in keyed if oldest is not None and key < oldest)
+        late = oldest is not None and any(key < oldest for key in keyed)
         return fresh, late
 
     def rewind(self, key: OrderKey) -> tuple[list[Keyed], float | None]:

@@ -16,7 +16,6 @@ from app.sessions.window import Keyed, ReorderWindow, merge
 # Event times count from the Unix epoch: nothing is older.
 BEGINNING_S = 0.0
 
-
 # The site and the parameters as they are now.
 World = Callable[[], tuple[SiteModel, Params]]
 
@@ -38,7 +37,6 @@ class DeviceSession:
         self._limits = limits
         self._window = self._new_window(ports.fold.start())
         self._saved_s = -math.inf
-        self._late = 0
         self._unconfirmed: set[int] = set()
         self._doubtful = False
 
@@ -60,12 +58,7 @@ class DeviceSession:
     @property
     def provisional(self) -> bool:
         """Whether the stored track may lack something that was logged."""
-        return self._doubtful or self._late > 0 or bool(self._unconfirmed)
-
-    @property
-    def late(self) -> int:
-        """How many observations came too late for the window since the last settling."""
-        return self._late
+        return self._doubtful or bool(self._unconfirmed)
 
     @property
     def snapshot_due(self) -> bool:
@@ -93,7 +86,7 @@ class DeviceSession:
     async def take(self, batch: LoggedBatch) -> bool:
         """Fold a logged batch; tell whether the state has changed."""
         fresh, late = self._window.sort(batch.observations)
-        self._late += late
+        self._doubtful = self._doubtful or late
         self._unconfirmed.discard(batch.seq)
         if not fresh:
             return False
@@ -112,7 +105,6 @@ class DeviceSession:
         everything = await _sort_all(_observations(batches), self._limits.fold_chunk)
         outputs = await self._fold_all(window, everything)
         self._window = window
-        self._late = 0
         self._doubtful = False
         self._ports.tracks.replace_from(self.record.session_id, BEGINNING_S, _points(outputs))
 
