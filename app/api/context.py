@@ -5,8 +5,10 @@ from typing import cast
 
 from starlette.requests import HTTPConnection
 
+from app.services.site import SiteDirectory
 from app.services.tokens import Authenticator
 from app.sessions.ports import Clock
+from app.storage.database import Database
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,6 +25,8 @@ class ApiContext:
     """The running server's parts that the routes use."""
 
     clock: Clock
+    database: Database
+    directory: SiteDirectory
     authenticator: Authenticator
     limits: ApiLimits
     cors_origins: tuple[str, ...]

@@ -41,19 +41,35 @@ class FloorMapError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class FloorMap:
-    """What the engine takes from a map."""
+    """A map's parts: outlines in site metres, and the walls that the engine takes as they are."""
 
+    walkable: tuple[BaseGeometry, ...] = ()
+    obstacles: tuple[BaseGeometry, ...] = ()
     walls: tuple[Wall, ...] = ()
-    walkable: Walkable | None = None
+
+    def raster(self, cell_m: float = 0.5) -> Walkable | None:
+        """Return the walkable raster, None if the map has no walkable outline.
+
+        Raises
+        ------
+        FloorMapError
+            If the obstacles leave nothing to walk on, or the outlines are too large.
+        """
+        if not self.walkable:
+            return None
+        try:
+            return rasterise_walkable(self.walkable, self.obstacles, cell_m)
+        except WalkableError as error:
+            raise FloorMapError(pointer="#/features", detail=str(error)) from error
 
 
-def parse_floor_map(document: Mapping[str, Any], cell_m: float = 0.5) -> FloorMap:
-    """Return walls and walkable raster of a map; without a walkable outline there is no raster.
+def parse_floor_map(document: Mapping[str, Any]) -> FloorMap:
+    """Return the parts of a map.
 
     Raises
     ------
     FloorMapError
-        If a feature is not of a known kind, its geometry is not valid, or nothing is walkable.
+        If a feature is not of a known kind or its geometry is not valid.
     """
     by_kind: dict[str, list[BaseGeometry]] = {kind: [] for kind in _KINDS}
     walls: list[Wall] = []
@@ -62,20 +78,13 @@ def parse_floor_map(document: Mapping[str, Any], cell_m: float = 0.5) -> FloorMa
         kind, geometry, properties = _feature(f"#/features/{i}", feature)
         coordinates += int(shapely.count_coordinates(geometry))
         if coordinates > MAX_COORDINATES:
-            raise FloorMapError(
-                pointer="#/features", detail=f"more than {MAX_COORDINATES} coordinates"
-            )
+            detail = f"more than {MAX_COORDINATES} coordinates"
+            raise FloorMapError(pointer="#/features", detail=detail)
         by_kind[kind].append(geometry)
         if kind == "wall":
             pointer = f"#/features/{i}/properties/attenuation_db"
             walls.extend(_walls(geometry, _attenuation_db(pointer, properties)))
-    if not by_kind["walkable"]:
-        return FloorMap(tuple(walls))
-    try:
-        raster = rasterise_walkable(by_kind["walkable"], by_kind["obstacle"], cell_m)
-    except WalkableError as error:
-        raise FloorMapError(pointer="#/features", detail=str(error)) from error
-    return FloorMap(tuple(walls), raster)
+    return FloorMap(tuple(by_kind["walkable"]), tuple(by_kind["obstacle"]), tuple(walls))
 
 
 def floor_map_document(

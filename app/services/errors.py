@@ -2,6 +2,9 @@
 
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import TypeVar
+
+Found = TypeVar("Found")
 
 
 class ErrorCode(StrEnum):
@@ -67,6 +70,13 @@ class AppError(Exception):
 def not_found(what: str, identifier: str) -> AppError:
     """Return the error for something that does not exist."""
     return AppError(ErrorCode.NOT_FOUND, f"there is no {what} {identifier!r}")
+
+
+def found(value: Found | None, what: str, identifier: str) -> Found:
+    """Return ``value``; the error of `not_found` if it is None."""
+    if value is None:
+        raise not_found(what, identifier)
+    return value
 
 
 def invalid_field(pointer: str, detail: str) -> AppError:

@@ -1,0 +1,224 @@
+"""Sites and floors: edits, and the snapshots of them that live sessions fold with."""
+
+import asyncio
+import logging
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+from sqlalchemy import Connection
+
+from app.core.fingerprint.radio_map import RadioMap
+from app.core.params import Params
+from app.core.site import Floor, SiteModel
+from app.formats.floor_map import FloorMapError, parse_floor_map
+from app.services.errors import AppError, ErrorCode, FieldError, found
+from app.services.writing import SeenVersions, check_seen, write
+from app.storage import floors, radio_maps, sites
+from app.storage.beacons import anchors_of_site
+from app.storage.database import Database
+from app.storage.floors import PlanImage, StoredFloor
+from app.storage.sites import StoredSite
+
+_LOG = logging.getLogger(__name__)
+
+PROFILES = {"best": Params()}
+
+
+class SiteDirectory:
+    """The current snapshot of every site, replaced as a whole when its model version changed."""
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+        self._models: dict[str, SiteModel] = {}
+        self._refreshing = asyncio.Lock()
+
+    def current(self, site_id: str) -> SiteModel | None:
+        """Return the site as it is now, None if there is no such site."""
+        return self._models.get(site_id)
+
+    def params(self, site_id: str, profile: str) -> Params:
+        """Return the parameters of a profile; KeyError if there is none of this name."""
+        _ = site_id
+        return PROFILES[profile]
+
+    async def refresh(self) -> None:
+        """Load what was changed since the last time, by this process or another one."""
+        async with self._refreshing:
+            versions = await self._database.read(sites.model_versions)
+            models = {s: m for s, m in self._models.items() if s in versions}
+            for site_id, version in versions.items():
+                if site_id in models and models[site_id].version == version:
+                    continue
+                model = await self._database.read(partial(load_site_model, site_id=site_id))
+                if model is not None:
+                    models[site_id] = model
+            self._models = models
+
+
+def load_site_model(connection: Connection, site_id: str) -> SiteModel | None:
+    """Return the snapshot of a site as stored now, None if there is no such site."""
+    site = sites.get_site(connection, site_id)
+    if site is None:
+        return None
+    stored = floors.floors_of_site(connection, site_id)
+    radio_map = radio_maps.load_active(connection, site_id)
+    return SiteModel(
+        site_id=site_id,
+        version=site.model_version,
+        floors=tuple(_floor(connection, floor) for floor in stored),
+        anchors=anchors_of_site(connection, site_id),
+        radio_map=_fitted(radio_map, tuple(floor.floor_id for floor in stored)),
+    )
+
+
+def _floor(connection: Connection, stored: StoredFloor) -> Floor:
+    document = floors.get_map(connection, stored.floor_id)
+    return Floor(
+        floor_id=stored.floor_id,
+        name=stored.name,
+        building=stored.building,
+        ordinal=stored.ordinal,
+        x0_m=stored.x0_m,
+        y0_m=stored.y0_m,
+        width_m=stored.width_m,
+        height_m=stored.height_m,
+        walkable=floors.get_walkable(connection, stored.floor_id),
+        walls=() if document is None else parse_floor_map(document).walls,
+    )
+
+
+def _fitted(radio_map: RadioMap | None, floor_ids: tuple[str, ...]) -> RadioMap | None:
+    """Return the map with the site's floors; one of removed floors only is as good as none."""
+    if radio_map is None or not set(radio_map.floor_ids) & set(floor_ids):
+        return None
+    try:
+        return radio_map.with_floors(floor_ids)
+    except ValueError as error:
+        _LOG.warning("the active radio map is not used: %s", error)
+        return None
+
+
+async def create_site(database: Database, site: StoredSite) -> StoredSite:
+    """Add a site."""
+    return await write(database, lambda c: sites.insert_site(c, site))
+
+
+async def edit_site(
+    database: Database,
+    site_id: str,
+    seen: SeenVersions,
+    edit: Callable[[StoredSite], StoredSite],
+) -> StoredSite:
+    """Change a site; ``edit`` gets it as stored."""
+
+    def statement(connection: Connection) -> StoredSite:
+        edited = edit(_seen_site(connection, site_id, seen))
+        return replace(edited, row_version=sites.update_site(connection, edited))
+
+    return await write(database, statement)
+
+
+async def delete_site(database: Database, site_id: str, seen: SeenVersions) -> None:
+    """Remove a site that has no floors any more; its devices stay."""
+
+    def statement(connection: Connection) -> None:
+        _seen_site(connection, site_id, seen)
+        if floors.floors_of_site(connection, site_id):
+            raise AppError(ErrorCode.IN_USE, f"site {site_id!r} still has floors")
+        sites.delete_site(connection, site_id)
+
+    await write(database, statement)
+
+
+async def create_floor(database: Database, floor: StoredFloor) -> StoredFloor:
+    """Add a floor to a site."""
+
+    def statement(connection: Connection) -> StoredFloor:
+        found(sites.get_site(connection, floor.site_id), "site", floor.site_id)
+        floors.insert_floor(connection, floor)
+        sites.touch_model(connection, floor.site_id)
+        return floor
+
+    return await write(database, statement)
+
+
+async def edit_floor(
+    database: Database,
+    floor_id: str,
+    seen: SeenVersions,
+    edit: Callable[[StoredFloor], StoredFloor],
+) -> StoredFloor:
+    """Change a floor's names or frame; ``edit`` gets it as stored."""
+
+    def statement(connection: Connection) -> StoredFloor:
+        edited = edit(_seen_floor(connection, floor_id, seen))
+        sites.touch_model(connection, edited.site_id)
+        return replace(edited, row_version=floors.update_floor(connection, edited))
+
+    return await write(database, statement)
+
+
+async def delete_floor(database: Database, floor_id: str, seen: SeenVersions) -> None:
+    """Remove a floor that has no beacons any more."""
+
+    def statement(connection: Connection) -> None:
+        floor = _seen_floor(connection, floor_id, seen)
+        if any(a.floor_id == floor_id for a in anchors_of_site(connection, floor.site_id)):
+            raise AppError(ErrorCode.IN_USE, f"floor {floor_id!r} still has beacons")
+        floors.delete_floor(connection, floor_id)
+        sites.touch_model(connection, floor.site_id)
+
+    await write(database, statement)
+
+
+async def replace_plan(
+    database: Database, floor_id: str, seen: SeenVersions, plan: PlanImage | None
+) -> None:
+    """Replace or remove a floor's picture; coordinates and what the engine sees stay."""
+
+    def statement(connection: Connection) -> None:
+        found(floors.get_floor(connection, floor_id), "floor", floor_id)
+        stored = floors.get_plan(connection, floor_id)
+        if plan is None:
+            found(stored, "plan of floor", floor_id)
+        check_seen(seen, "" if stored is None else stored.digest)
+        floors.set_plan(connection, floor_id, plan)
+
+    await write(database, statement)
+
+
+async def replace_map(
+    database: Database, floor_id: str, seen: SeenVersions, document: dict[str, Any] | None
+) -> None:
+    """Replace or remove a floor's map, and with it the walkable raster."""
+    walkable = None
+    if document is not None:
+        try:
+            walkable = await asyncio.to_thread(lambda: parse_floor_map(document).raster())
+        except FloorMapError as error:
+            errors = (FieldError(error.pointer, error.detail),)
+            detail = "the document is not a floor's map"
+            raise AppError(ErrorCode.INVALID_FIELD, detail, errors=errors) from error
+
+    def statement(connection: Connection) -> None:
+        floor = _seen_floor(connection, floor_id, seen)
+        if document is None:
+            found(floor.has_map or None, "map of floor", floor_id)
+        floors.set_map(connection, floor_id, document, walkable)
+        sites.touch_model(connection, floor.site_id)
+
+    await write(database, statement)
+
+
+def _seen_site(connection: Connection, site_id: str, seen: SeenVersions) -> StoredSite:
+    site = found(sites.get_site(connection, site_id), "site", site_id)
+    check_seen(seen, site.row_version)
+    return site
+
+
+def _seen_floor(connection: Connection, floor_id: str, seen: SeenVersions) -> StoredFloor:
+    floor = found(floors.get_floor(connection, floor_id), "floor", floor_id)
+    check_seen(seen, floor.row_version)
+    return floor
