@@ -1,8 +1,8 @@
 """Scores of positions against truth, by one protocol for every estimator.
 
-A walk is scored once a second from its first scan on: what was answered at that moment against where
-the phone was. A second without an answer is scored at the last position given and counted as one
-without a fix; while none was given yet there is nothing to measure, so it is only counted.
+A walk is scored once a second from its first scan on: what was answered at that moment against
+where the phone was. A second without an answer is scored at the last position given and counted as
+one without a fix; while none was given yet there is nothing to measure, so it is only counted.
 """
 
 import math
