@@ -78,5 +78,9 @@ class ClockChangedError(Exception):
     """The batch tells of another boot, clock mode or site than its session; open a new session."""
 
 
+class SessionOverError(ClockChangedError):
+    """The session was finished and is too old to be opened again; open a new session."""
+
+
 class UnknownSiteError(Exception):
     """The session's site does not exist (any more)."""

@@ -21,6 +21,10 @@ class SessionLimits:
         dead spot sooner.
     idle_s
         Silence after which a session is over and its final track is stored.
+    reopen_s
+        A finished session is opened again for a phone that comes back within this time of its
+        opening: its track is then folded anew, for which the log must still be whole (raw IMU leaves
+        it after 24 h).
     snapshot_every_s
         Event time between snapshots: what a restart folds again per session.
     max_sessions
@@ -34,6 +38,7 @@ class SessionLimits:
     reorder_window_s: float = 5.0
     evict_s: float = 180.0
     idle_s: float = 600.0
+    reopen_s: float = 12 * 3600.0
     snapshot_every_s: float = 30.0
     max_sessions: int = 10_000
     fold_chunk: int = 32

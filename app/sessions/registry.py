@@ -16,6 +16,7 @@ from app.sessions.batch import (
     BatchConflictError,
     ClockChangedError,
     IncomingBatch,
+    SessionOverError,
     Submitted,
     UnknownSiteError,
 )
@@ -84,7 +85,7 @@ class SessionRegistry:
         ------
         MailboxFullError, LogUnavailableError
             Not taken; the phone shall send it again later.
-        BatchConflictError, ClockChangedError, UnknownSiteError
+        BatchConflictError, ClockChangedError, SessionOverError, UnknownSiteError
             Never to be taken like this.
         """
         device = self._device(batch.device_id)
@@ -135,16 +136,16 @@ class SessionRegistry:
         for device_id, device in tuple(self._devices.items()):
             for slot in tuple(device.slots.values()):
                 if slot.seen_s <= over_s:
-                    await self._attempt(device, partial(self._finish, device, slot))
+                    await asyncio.wait([self._post(device, partial(self._finish, device, slot))])
                 elif slot.live and slot.seen_s <= asleep_s:
-                    await self._attempt(device, partial(self._sleep, slot))
+                    await asyncio.wait([self._post(device, partial(self._sleep, slot))])
             if not device.slots and device.mailbox.idle:
                 del self._devices[device_id]
 
     async def close(self) -> None:
         """Save all sessions and wait until everything is stored; submit nothing any more."""
         for device in tuple(self._devices.values()):
-            await self._attempt(device, partial(self._sleep_all, device))
+            await asyncio.wait([self._post(device, partial(self._sleep_all, device))])
         await self._ports.tracks.flush()
 
     def _device(self, device_id: str) -> _Device:
@@ -189,7 +190,7 @@ class SessionRegistry:
         if changed and output is not None:
             self._show(record, output)
         if session.snapshot_due:
-            device.mailbox.post(partial(self._save, session))
+            self._post(device, session.snapshot)
         return Submitted(
             session_id=record.session_id,
             accepted=len(stored.observations),
@@ -211,6 +212,8 @@ class SessionRegistry:
         )
         record = await self._ports.log.open_session(opened)
         if record.finished:
+            if batch.received_s - record.opened_s > self._limits.reopen_s:
+                raise SessionOverError(batch.session)
             await self._ports.log.reopen_session(record.session_id)
         slot = _Slot(record, batch.received_s, provisional=record.session_id != opened.session_id)
         if not slot.provisional:
@@ -250,24 +253,18 @@ class SessionRegistry:
         self._latest[record.device_id] = _Latest(record.site_id, record.session_id, output)
         self._hub.publish(record.site_id, record.device_id, output)
 
-    async def _save(self, session: DeviceSession) -> None:
-        try:
-            await session.snapshot()
-        except LogUnavailableError:
-            logger.warning("session %s: snapshot put off", session.record.session_id)
-
     async def _settle_all(self, device: _Device) -> None:
         for slot in device.slots.values():
             if self._has_site(slot):
                 session = await self._awake(slot)
                 await session.settle()
 
-    async def _attempt(self, device: _Device, job: Callable[[], Awaitable[None]]) -> None:
-        # One device's trouble is not the others': it is logged and tried again by the next sweep.
+    def _post(self, device: _Device, job: Callable[[], Awaitable[None]]) -> "asyncio.Task[None]":
+        # One device's trouble is not the others': it is logged, and the next batch or sweep tries
+        # again.
         task = device.mailbox.post(job)
-        await asyncio.wait([task])
-        if error := task.exception():
-            logger.error("device %s: %r", device.device_id, error, exc_info=error)
+        task.add_done_callback(partial(_log_failure, device.device_id))
+        return task
 
     async def _finish(self, device: _Device, slot: _Slot) -> None:
         if self._has_site(slot):
@@ -289,3 +286,8 @@ class SessionRegistry:
         seen_s = sorted((slot.seen_s for slot in slots if slot.live), reverse=True)
         excess = seen_s[self._limits.max_sessions :]
         return excess[0] if excess else -math.inf
+
+
+def _log_failure(device_id: str, task: "asyncio.Task[None]") -> None:
+    if not task.cancelled() and (error := task.exception()):
+        logger.error("device %s: %r", device_id, error, exc_info=error)

@@ -15,6 +15,8 @@ from app.sessions.window import Keyed, ReorderWindow, merge
 
 # Event times count from the Unix epoch: nothing is older.
 BEGINNING_S = 0.0
+# Stored times differ by at least this: phones tell milliseconds, databases keep microseconds.
+RESOLUTION_S = 1e-6
 
 # The site and the parameters as they are now.
 World = Callable[[], tuple[SiteModel, Params]]
@@ -171,4 +173,4 @@ def _first_time_not_stored(state: SessionState) -> float:
     # the last point of a track that was final once, is not of this state.
     if state.last_key is None:
         return BEGINNING_S
-    return math.nextafter(math.floor(state.last_key[0]), math.inf)
+    return math.floor(state.last_key[0]) + RESOLUTION_S
