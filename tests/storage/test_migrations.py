@@ -1,0 +1,63 @@
+import shutil
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+from alembic.autogenerate import compare_metadata
+from alembic.runtime.migration import MigrationContext
+from sqlalchemy import inspect
+
+from app.storage import migrate
+from app.storage.engines import migrating_engine
+from app.storage.tables import METADATA
+
+
+@pytest.fixture(params=["sqlite", pytest.param("postgres", marks=pytest.mark.postgres)])
+def empty_url(request: pytest.FixtureRequest, tmp_path: Path) -> str:
+    if request.param == "sqlite":
+        return f"sqlite:///{tmp_path / 'empty 100%.db'}"
+    url: str = request.getfixturevalue("new_postgres_url")(None)
+    return url
+
+
+def tables_of(url: str) -> set[str]:
+    engine = migrating_engine(url)
+    names = set(inspect(engine).get_table_names())
+    engine.dispose()
+    return names - {"alembic_version"}
+
+
+def test_the_migrations_make_exactly_the_tables_of_the_code(storage_url: str):
+    engine = migrating_engine(storage_url)
+    with engine.connect() as connection:
+        # SQLite's comparison of server defaults takes '' for another default than ''.
+        defaults = connection.dialect.name == "postgresql"
+        context = MigrationContext.configure(connection, opts={"compare_server_default": defaults})
+        differences = compare_metadata(context, METADATA)
+    engine.dispose()
+    assert differences == []
+
+
+def test_upgrade_from_empty_and_downgrade_to_base(empty_url: str):
+    assert migrate.current(empty_url) is None
+    migrate.upgrade(empty_url)
+    assert migrate.current(empty_url) == "0001"
+    assert tables_of(empty_url) == set(METADATA.tables)
+    migrate.downgrade(empty_url, "base")
+    assert migrate.current(empty_url) is None
+    assert tables_of(empty_url) == set()
+
+
+def test_processes_that_start_together_upgrade_once(empty_url: str):
+    with ThreadPoolExecutor(2) as threads:
+        list(threads.map(migrate.upgrade, [empty_url, empty_url]))
+    assert migrate.current(empty_url) == "0001"
+
+
+def test_scripts_are_found_in_an_installed_wheel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    package = tmp_path / "app" / "storage"
+    shutil.copytree(migrate.scripts_folder(), package / "migrations_bundle")
+    monkeypatch.setattr(migrate, "__file__", str(package / "migrate.py"))
+    assert migrate.scripts_folder() == package / "migrations_bundle"
+    migrate.upgrade(f"sqlite:///{tmp_path / 'new.db'}")
+    assert migrate.current(f"sqlite:///{tmp_path / 'new.db'}") == "0001"
