@@ -113,6 +113,7 @@ class MatchParams:
     ble_gain: float = 0.2
     k: int = 20
     softness: float = 0.04
+    max_sorensen: float = 0.97
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,6 +149,7 @@ class StepParams:
     length_coefficients: tuple[float, float, float, float] = (-2.13, 2.02, 0.83, -0.68)
     min_length_m: float = 0.2
     max_length_m: float = 1.1
+    usual_length_m: float = 0.66
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,14 +168,37 @@ class FusionParams:
     noise_spread: float = 2.0
     noise_sorensen: float = 240.0
     student_dof: float = 4.0
+    clutter: float = 1e-4
+    tempering: float = 0.5
+    components: int = 8
+    births: int = 3
+    birth_share: float = 0.02
+    merge_distance: float = 0.7
+    sensor_gap_s: float = 3.0
+    sway_m2ps: float = 0.002
+    unseen_m2ps: float = 1.0
+    lateration_inflation: float = 2.0
+    lateration_floor_m2: float = 0.5
 
 
 @dataclass(frozen=True, slots=True)
 class FloorParams:
     """Floor by accumulated likelihood."""
 
-    memory: float = 0.95
-    floor_weight: float = 0.05
+    change_rate_ps: float = 0.005
+    vote_floor: float = 0.05
+    trust: float = 0.7
+
+
+@dataclass(frozen=True, slots=True)
+class ReportParams:
+    """What is said of the filter's state."""
+
+    silence_s: float = 10.0
+    max_age_s: float = 60.0
+    ahead_s: float = 0.5
+    fused_s: float = 10.0
+    extra_variance_m2: float = 4.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,5 +210,6 @@ class Params:
     step: StepParams = field(default_factory=StepParams)
     fusion: FusionParams = field(default_factory=FusionParams)
     floor: FloorParams = field(default_factory=FloorParams)
+    report: ReportParams = field(default_factory=ReportParams)
     lateration: LaterationParams = field(default_factory=LaterationParams)
     motion_mode: MotionModeParams = field(default_factory=MotionModeParams)

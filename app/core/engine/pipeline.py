@@ -1,12 +1,49 @@
 """The pipeline: the ordered stages of one observation's way, on one screen."""
 
 import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, TypeAlias
 
+from app.core.engine.fixing import laterate, match_fingerprints
+from app.core.engine.hearing import hear_beacons, slide_window
 from app.core.engine.order import event_time_s, order_key
+from app.core.engine.report import report
 from app.core.engine.state import SessionState
+from app.core.engine.walking import (
+    diffuse_unseen,
+    find_strides,
+    sense_motion,
+    spread_pedometer,
+    take_phone_steps,
+    take_strides,
+)
+from app.core.motion.mode import decided
 from app.core.params import Params
 from app.core.site import SiteModel
-from app.core.types import NoFix, NoFixReason, Observation, Output
+from app.core.types import (
+    Barometer,
+    BleScan,
+    ImuBlock,
+    Observation,
+    Output,
+    Pedometer,
+    Steps,
+    Truth,
+    WifiScan,
+)
+
+Stage: TypeAlias = Callable[[SessionState, Any, SiteModel, Params], SessionState]
+
+STAGES: dict[type, tuple[Stage, ...]] = {
+    ImuBlock: (sense_motion, find_strides),
+    Steps: (take_phone_steps,),
+    Pedometer: (spread_pedometer,),
+    BleScan: (hear_beacons, slide_window, diffuse_unseen, laterate),
+    WifiScan: (diffuse_unseen, match_fingerprints),
+    Barometer: (),
+    Truth: (),
+}
 
 
 def start() -> SessionState:
@@ -17,15 +54,52 @@ def start() -> SessionState:
 def advance(
     state: SessionState, observation: Observation, site: SiteModel, params: Params
 ) -> tuple[SessionState, tuple[Output, ...]]:
-    """Fold one observation; return the new state and one output per whole event second passed."""
-    _ = site, params
-    latest_s = max(event_time_s(observation), state.latest_s or -math.inf)
-    return SessionState(order_key(observation), latest_s), ()
+    """Fold one observation; return the new state and one output per whole event second passed.
+
+    Observations come in the order of `order_key`. The position of second k rests on everything
+    that was observed at or before k, and on nothing later.
+    """
+    time_s = observation.time_s
+    state, outputs = _pass_time(state, time_s, site, params)
+    state = take_strides(state, time_s, params)
+    for stage in STAGES[type(observation)]:
+        state = stage(state, observation, site, params)
+    return (
+        replace(
+            state,
+            last_key=order_key(observation),
+            latest_s=max(event_time_s(observation), time_s, state.latest_s or time_s),
+            now_s=time_s,
+            motion=decided(state.motion, time_s, params.motion_mode),
+        ),
+        outputs,
+    )
 
 
 def finish(state: SessionState, site: SiteModel, params: Params) -> tuple[Output, ...]:
     """Return what the track would end with if nothing more came; the last one is the latest."""
-    _ = site, params
     if state.latest_s is None:
         return ()
-    return (NoFix(state.latest_s, NoFixReason.NOT_STARTED),)
+    end_s = state.latest_s
+    state, outputs = _pass_time(state, end_s, site, params)
+    state = take_strides(state, end_s, params)
+    return (*outputs, report(state, end_s, site, params))
+
+
+def _pass_time(
+    state: SessionState, to_s: float, site: SiteModel, params: Params
+) -> tuple[SessionState, tuple[Output, ...]]:
+    """Report every whole second in ``[now, to)``, each after the strides up to it.
+
+    In a long silence reports stop ``silence_s`` after the last word of the phone.
+    """
+    if state.now_s is None or state.latest_s is None:
+        return state, ()
+    outputs: list[Output] = []
+    until_s = min(to_s, max(state.latest_s, state.now_s) + params.report.silence_s)
+    second = math.ceil(state.now_s)
+    while second < until_s:
+        state = take_strides(state, float(second), params)
+        outputs.append(report(state, float(second), site, params))
+        second += 1
+    return state, tuple(outputs)

@@ -1,8 +1,27 @@
 """The state of one session's fold."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from app.core.engine.order import OrderKey
+from app.core.fingerprint.query import Advertisement
+from app.core.fusion.mixture import Mixture
+from app.core.motion.mode import MotionState
+from app.core.motion.steps import StepDetector
+from app.core.radio.windows import Window
+from app.core.types import FloatArray, Method, NoFixReason, Used
+
+
+@dataclass(frozen=True, slots=True)
+class Stride:
+    """A step with its length, waiting for its time or taken.
+
+    ``heading_rad`` is where the phone pointed (nan: unknown); ``seconds`` how long the step took.
+    """
+
+    time_s: float
+    length_m: float
+    heading_rad: float
+    seconds: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -15,7 +34,41 @@ class SessionState:
         Order key of the last observation folded; None before the first.
     latest_s
         The latest instant any folded observation speaks of.
+    now_s
+        Event time the fold has advanced to; strides and whole seconds up to it are done.
+    detector, motion
+        Memories of the step detector and of motion-mode detection.
+    pending
+        Strides found in an inertial block that lie after ``now_s``.
+    phone_steps_s
+        When the phone last told steps itself: its own detector is believed before ours.
+    heard, window
+        Recent advertisements for fingerprints, recent levels of anchors for lateration.
+    track
+        The filter, None before the first fix.
+    floor_belief : (floors,)
+        Probability of each floor, None before the first vote.
+    stride
+        The last stride taken, turned by the filter's heading bias.
+    told_s
+        When the position was last told by a scan; -inf before.
+    method, used, reason
+        Of the newest point: how it came about, on what it rests; why there is none.
     """
 
     last_key: OrderKey | None = None
     latest_s: float | None = None
+    now_s: float | None = None
+    detector: StepDetector = field(default_factory=StepDetector)
+    motion: MotionState = field(default_factory=MotionState)
+    pending: tuple[Stride, ...] = ()
+    phone_steps_s: float | None = None
+    heard: tuple[Advertisement, ...] = ()
+    window: Window = field(default_factory=Window)
+    track: Mixture | None = None
+    floor_belief: FloatArray | None = None
+    stride: Stride | None = None
+    told_s: float | None = None
+    method: Method = Method.DEAD_RECKONING
+    used: Used = field(default_factory=Used)
+    reason: NoFixReason = NoFixReason.NOT_STARTED

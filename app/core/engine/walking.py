@@ -1,0 +1,130 @@
+"""Stages of motion: strides from the phone's sensors, and the filter carried along by them."""
+
+import math
+from dataclasses import replace
+
+from app.core.engine.state import SessionState, Stride
+from app.core.fusion.mixture import diffuse, moments, walk
+from app.core.motion.mode import with_acceleration, with_step
+from app.core.motion.steps import detect_steps, step_length_m
+from app.core.params import Params
+from app.core.site import SiteModel
+from app.core.types import (
+    BleScan,
+    ImuBlock,
+    Pedometer,
+    Steps,
+    WifiScan,
+)
+
+
+def sense_motion(
+    state: SessionState, block: ImuBlock, site: SiteModel, params: Params
+) -> SessionState:
+    """Let the acceleration speak on whether its carrier walks."""
+    _ = site
+    return replace(state, motion=with_acceleration(state.motion, block, params.motion_mode))
+
+
+def find_strides(
+    state: SessionState, block: ImuBlock, site: SiteModel, params: Params
+) -> SessionState:
+    """Find the steps of a block; they wait until their time comes.
+
+    Where the phone tells steps itself they are only used for its heading.
+    """
+    _ = site
+    detector, steps = detect_steps(state.detector, block, params.step)
+    if state.phone_steps_s is not None:
+        return replace(state, detector=detector)
+    strides = tuple(
+        Stride(s.time_s, step_length_m(s, params.step), s.heading_rad, s.interval_s) for s in steps
+    )
+    return replace(state, detector=detector, pending=state.pending + strides)
+
+
+def take_phone_steps(
+    state: SessionState, steps: Steps, site: SiteModel, params: Params
+) -> SessionState:
+    """Walk the steps that the phone tells, with its heading or the one our detector follows."""
+    _ = site
+    heading_rad = steps.heading_rad
+    if heading_rad is None:
+        heading_rad = state.detector.heading_rad
+    length_m = params.step.usual_length_m if steps.step_length_m is None else steps.step_length_m
+    seconds = 1.0 / params.step.cadence_hz
+    strides = tuple(
+        Stride(steps.time_s, length_m, heading_rad, seconds) for _ in range(steps.count)
+    )
+    state = replace(state, pending=(*state.pending, *strides), phone_steps_s=steps.time_s)
+    return take_strides(state, steps.time_s, params)
+
+
+def spread_pedometer(
+    state: SessionState, interval: Pedometer, site: SiteModel, params: Params
+) -> SessionState:
+    """Spread a pedometer interval's steps evenly over its time."""
+    _ = site
+    if not interval.steps:
+        return state
+    seconds = (interval.end_s - interval.time_s) / interval.steps
+    length_m = params.step.usual_length_m
+    if interval.distance_m is not None:
+        length_m = interval.distance_m / interval.steps
+    strides = tuple(
+        Stride(interval.time_s + seconds * (i + 1), length_m, state.detector.heading_rad, seconds)
+        for i in range(interval.steps)
+    )
+    pending = tuple(sorted((*state.pending, *strides), key=lambda s: s.time_s))
+    return replace(state, pending=pending, phone_steps_s=interval.time_s)
+
+
+def take_strides(state: SessionState, until_s: float, params: Params) -> SessionState:
+    """Move the filter by the strides whose time has come."""
+    due = 0
+    track, motion, last = state.track, state.motion, state.stride
+    while due < len(state.pending) and state.pending[due].time_s <= until_s:
+        stride = state.pending[due]
+        motion = with_step(motion, stride.time_s)
+        last = stride
+        if track is not None:
+            track = walk(track, stride.length_m, stride.heading_rad, params.fusion)
+        due += 1
+    if not due:
+        return state
+    used = replace(state.used, steps=state.used.steps + due)
+    return replace(
+        state, track=track, motion=motion, stride=last, pending=state.pending[due:], used=used
+    )
+
+
+def diffuse_unseen(
+    state: SessionState, scan: BleScan | WifiScan, site: SiteModel, params: Params
+) -> SessionState:
+    """Widen the filter for motion that no sensor would have shown.
+
+    With an inertial sensor or a step counter no steps means no motion (but for a little sway);
+    without one, or in a gap of it, the phone may have gone anywhere at walking pace.
+    """
+    _ = site
+    if state.track is None or state.now_s is None:
+        return state
+    elapsed_s = scan.time_s - state.now_s
+    inertial = state.detector.end_s > scan.time_s - params.fusion.sensor_gap_s
+    seen = inertial or state.phone_steps_s is not None
+    rate = params.fusion.sway_m2ps if seen else params.fusion.unseen_m2ps
+    return replace(state, track=diffuse(state.track, rate * elapsed_s))
+
+
+def stride_velocity_mps(state: SessionState) -> tuple[float, float]:
+    """Return the velocity of the last stride as the filter turns and scales it; 0 if unknown."""
+    stride = state.stride
+    if stride is None or state.track is None or math.isnan(stride.heading_rad):
+        return 0.0, 0.0
+    mean, _ = moments(state.track)
+    seconds = stride.seconds if stride.seconds > 0.0 else math.nan
+    if math.isnan(seconds):
+        return 0.0, 0.0
+    speed = stride.length_m * math.exp(float(mean[3])) / seconds
+    direction = stride.heading_rad + float(mean[2])
+    return speed * math.cos(direction), speed * math.sin(direction)
