@@ -9,18 +9,20 @@ Read in this order: `building` (floors, racks, stairs, lift), `routes` (who is w
 (how loud is what where), `phone` (what the phone makes of both), `world` (all of it joined).
 """
 
-from app.core.simulate.building import Connector, ConnectorKind, Rack
+from app.core.simulate.building import STOREYS, Connector, ConnectorKind, Rack, Storey
 from app.core.simulate.phone import Phone
 from app.core.simulate.routes import Place, WalkTruth
 from app.core.simulate.world import SimulatedWalk, Warehouse, walk, warehouse
 
 __all__ = [
+    "STOREYS",
     "Connector",
     "ConnectorKind",
     "Phone",
     "Place",
     "Rack",
     "SimulatedWalk",
+    "Storey",
     "WalkTruth",
     "Warehouse",
     "walk",
