@@ -6,10 +6,10 @@ import { createDetail } from "./detail.js";
 import { createHeader } from "./header.js";
 import { bindKeys } from "./keys.js";
 import { createList } from "./list.js";
-import { createLive } from "./live.js";
+import { Live } from "./live.js";
 import { loginWithLink } from "./login.js";
-import { createMap } from "./map.js";
-import { createPeopleLayer } from "./people-layer.js";
+import { FloorMap } from "./map.js";
+import { PeopleLayer } from "./people-layer.js";
 import { bindPointer } from "./pointer.js";
 import { createStore, initialState } from "./store.js";
 import { createToolbar } from "./toolbar.js";
@@ -21,12 +21,12 @@ const clocks = { wallMs: serverNowMs, pageMs: () => performance.now() };
 const reducedMotion = window.matchMedia("(prefers-reduced-motion: reduce)").matches;
 
 const store = createStore(initialState());
-const map = createMap(reducedMotion);
+const map = new FloorMap(reducedMotion);
 const actions = createActions(store, map, clocks.wallMs);
-const layer = createPeopleLayer(map, store, clocks, reducedMotion);
-const live = createLive(store, actions, clocks);
+const layer = new PeopleLayer(map, store, clocks, reducedMotion);
+const live = new Live(store, actions, clocks);
 
-createHeader(store, live.showSite);
+createHeader(store, (siteId) => live.showSite(siteId));
 createList(store, actions, clocks.wallMs);
 createDetail(store, actions, clocks.wallMs);
 createToolbar(store, actions);
@@ -38,4 +38,4 @@ publishView(store, map, layer);
 setInterval(() => store.change(() => {}), AGES_MS);
 
 await loginWithLink();
-live.start();
+await live.start();

@@ -2,160 +2,166 @@
 
 import { toPixels } from "./map.js";
 import { isGliding, shownPosition, STATUSES, statusOf } from "./people.js";
-import {
-  drawBeacons, drawCircles, drawLabel, drawMarks, drawSelection, drawTrail,
-} from "./shapes.js";
+import { drawBeacons, drawCircles, drawLabel, drawMarks, drawSelection, drawTrail } from "./shapes.js";
 import { onThemeChange, themeColours } from "./theme.js";
 
 const MOST_FILLED = 150; // translucent fills by the hundred are slow where software draws
 const FRAME_MS = 33; // a walker moves less than a pixel or two in this time
-const REACH_PX = 14;
-const MARGIN_PX = 40;
+const REACH_PX = 14; // of a fingertip
+const LABEL_PX = 160; // a name may reach into sight from here
 
-export function createPeopleLayer(map, store, clocks, reducedMotion) {
-  const container = map.leaflet.getContainer();
-  const canvas = container.appendChild(document.createElement("canvas"));
-  canvas.className = "people-canvas";
-  const ctx = canvas.getContext("2d");
-  let colours = themeColours();
-  let scheduled = false;
-  let drawnMs = -Infinity;
+export class PeopleLayer {
+  #map;
+  #store;
+  #clocks;
+  #reducedMotion;
+  #container;
+  #canvas;
+  #ctx;
+  #colours = themeColours();
+  #scheduled = false;
+  #drawnMs = -Infinity;
 
-  const glideMs = () => (reducedMotion ? Infinity : clocks.pageMs());
+  constructor(map, store, clocks, reducedMotion) {
+    this.#map = map;
+    this.#store = store;
+    this.#clocks = clocks;
+    this.#reducedMotion = reducedMotion;
+    this.#container = map.leaflet.getContainer();
+    this.#canvas = this.#container.appendChild(document.createElement("canvas"));
+    this.#canvas.className = "people-canvas";
+    this.#ctx = this.#canvas.getContext("2d");
+    map.leaflet.on("move zoom viewreset", () => this.#draw());
+    new ResizeObserver(() => this.#resize()).observe(this.#container);
+    onThemeChange(() => {
+      this.#colours = themeColours();
+      this.#schedule();
+    });
+    store.subscribe(() => this.#schedule());
+  }
 
-  /** The people of the shown floor as marks in pixels of the container. */
-  function marks() {
-    const { state } = store;
-    const frame = map.frame();
-    const now = clocks.wallMs();
-    const found = [];
-    for (const person of state.people.values()) {
-      if (person.fix === null || person.fix.floor_id !== state.floorId) continue;
-      const { x, y } = shownPosition(person, glideMs());
-      found.push({
-        person, x, y, ...toPixels(frame, x, y), name: person.name,
-        status: statusOf(person, now), radiusPx: person.fix.radius95_m * frame.pxPerM,
+  /** The people of the shown floor, with the pixels of the container where they are drawn. */
+  marks() {
+    const { state } = this.#store;
+    const frame = this.#map.frame();
+    const nowMs = this.#clocks.wallMs();
+    const glideMs = this.#glideMs();
+    return [...state.people.values()]
+      .filter(({ fix }) => fix?.floor_id === state.floorId)
+      .map((person) => {
+        const { x, y } = shownPosition(person, glideMs);
+        const radiusPx = person.fix.radius95_m * frame.pxPerM;
+        return { person, x, y, radiusPx, status: statusOf(person, nowMs), ...toPixels(frame, x, y) };
       });
-    }
-    return found;
   }
 
-  function resize() {
+  /** The person drawn nearest to a point of the container, null if none is within reach. */
+  at(px, py) {
+    const near = this.marks()
+      .map((mark) => ({ id: mark.person.id, distance: Math.hypot(mark.px - px, mark.py - py) }))
+      .filter(({ distance }) => distance < REACH_PX)
+      .sort((a, b) => a.distance - b.distance);
+    return near.length ? near[0].id : null;
+  }
+
+  #resize() {
+    const { clientWidth, clientHeight } = this.#container;
     const ratio = window.devicePixelRatio || 1;
-    canvas.width = Math.round(container.clientWidth * ratio);
-    canvas.height = Math.round(container.clientHeight * ratio);
-    canvas.style.width = `${container.clientWidth}px`;
-    canvas.style.height = `${container.clientHeight}px`;
-    ctx.setTransform(ratio, 0, 0, ratio, 0, 0);
-    draw();
+    this.#canvas.width = Math.round(clientWidth * ratio);
+    this.#canvas.height = Math.round(clientHeight * ratio);
+    this.#canvas.style.width = `${clientWidth}px`;
+    this.#canvas.style.height = `${clientHeight}px`;
+    this.#ctx.setTransform(ratio, 0, 0, ratio, 0, 0);
+    this.#map.leaflet.invalidateSize({ animate: false });
+    this.#draw();
   }
 
-  function draw() {
-    drawnMs = clocks.pageMs();
-    ctx.clearRect(0, 0, canvas.width, canvas.height);
-    const { state } = store;
-    const all = marks();
-    const inSight = all.filter((mark) => isInSight(mark, container));
-    const selected = all.find((mark) => mark.person.id === state.selectedId);
-    if (state.layers.beacons) drawBeacons(ctx, beaconPoints(), colours.beacon);
-    drawExtents(inSight, selected);
-    drawTrails(inSight, selected);
-    for (const status of [...STATUSES].reverse()) {
-      drawMarks(ctx, inSight.filter((mark) => mark.status === status), status, colours);
+  #schedule() {
+    if (this.#scheduled) return;
+    this.#scheduled = true;
+    requestAnimationFrame(() => this.#frame());
+  }
+
+  #frame() {
+    this.#scheduled = false;
+    const due = this.#clocks.pageMs() - this.#drawnMs >= FRAME_MS;
+    if (due) {
+      this.#keepCentred();
+      this.#draw();
     }
-    if (selected) drawSelection(ctx, selected, colours.accent);
-    drawNames(inSight, selected);
+    if (!due || this.#anyoneGlides()) this.#schedule();
   }
 
-  function beaconPoints() {
-    const frame = map.frame();
-    return store.state.beacons
-      .filter((beacon) => beacon.floor_id === store.state.floorId)
-      .map((beacon) => toPixels(frame, beacon.x_m, beacon.y_m));
+  /** With reduced motion every glide is over before it begins. */
+  #glideMs() {
+    return this.#reducedMotion ? Infinity : this.#clocks.pageMs();
   }
 
-  function drawExtents(inSight, selected) {
-    const shown = store.state.layers.uncertainty ? inSight : inSight.filter((mark) => mark === selected);
-    const heard = shown.filter((mark) => mark.status !== "offline");
+  #anyoneGlides() {
+    const { people, floorId } = this.#store.state;
+    const glideMs = this.#glideMs();
+    return [...people.values()].some((person) => person.fix?.floor_id === floorId && isGliding(person, glideMs));
+  }
+
+  #keepCentred() {
+    const { following, selectedId } = this.#store.state;
+    const followed = following && this.marks().find(({ person }) => person.id === selectedId);
+    if (followed) this.#map.centre(followed.x, followed.y);
+  }
+
+  #draw() {
+    this.#drawnMs = this.#clocks.pageMs();
+    this.#ctx.clearRect(0, 0, this.#canvas.width, this.#canvas.height);
+    const { layers, selectedId } = this.#store.state;
+    const marks = this.marks().filter((mark) => this.#isInSight(mark));
+    const selected = marks.filter(({ person }) => person.id === selectedId);
+    if (layers.beacons) this.#drawBeacons();
+    this.#drawExtents(layers.uncertainty ? marks : selected);
+    this.#drawTrails(layers.trails ? marks : selected);
+    for (const status of [...STATUSES].reverse()) {
+      drawMarks(this.#ctx, marks.filter((mark) => mark.status === status), status, this.#colours);
+    }
+    for (const mark of selected) drawSelection(this.#ctx, mark, this.#colours.accent);
+    this.#drawNames(marks);
+  }
+
+  #isInSight({ px, py, radiusPx }) {
+    const margin = radiusPx + LABEL_PX;
+    const { clientWidth, clientHeight } = this.#container;
+    return px > -margin && py > -margin && px < clientWidth + margin && py < clientHeight + margin;
+  }
+
+  #drawBeacons() {
+    const { beacons, floorId } = this.#store.state;
+    const frame = this.#map.frame();
+    const here = beacons.filter((beacon) => beacon.floor_id === floorId);
+    drawBeacons(this.#ctx, here.map(({ x_m: x, y_m: y }) => toPixels(frame, x, y)), this.#colours.beacon);
+  }
+
+  #drawExtents(marks) {
+    const heard = marks.filter(({ status }) => status !== "offline");
     for (const status of ["live", "stale"]) {
       const group = heard.filter((mark) => mark.status === status);
-      drawCircles(ctx, group, colours[status], heard.length <= MOST_FILLED);
+      drawCircles(this.#ctx, group, this.#colours[status], heard.length <= MOST_FILLED);
     }
   }
 
-  function drawTrails(inSight, selected) {
-    const shown = store.state.layers.trails ? inSight : inSight.filter((mark) => mark === selected);
-    const frame = map.frame();
-    for (const mark of shown) {
-      const past = mark.person.trail.slice(0, -1).filter((point) => point.floorId === store.state.floorId);
-      const points = past.map((point) => toPixels(frame, point.x, point.y));
-      drawTrail(ctx, [...points, mark], colours[mark.status], mark === selected);
+  #drawTrails(marks) {
+    const { floorId, selectedId } = this.#store.state;
+    const frame = this.#map.frame();
+    for (const mark of marks) {
+      const past = mark.person.trail.slice(0, -1).filter((point) => point.floorId === floorId);
+      const points = [...past.map(({ x, y }) => toPixels(frame, x, y)), mark];
+      drawTrail(this.#ctx, points, this.#colours[mark.status], mark.person.id === selectedId);
     }
   }
 
-  function drawNames(inSight, selected) {
-    const { layers, hoveredId } = store.state;
-    for (const mark of inSight) {
-      const strong = mark === selected;
-      if (layers.names || strong || mark.person.id === hoveredId) drawLabel(ctx, mark, colours, strong);
+  #drawNames(marks) {
+    const { layers, hoveredId, selectedId } = this.#store.state;
+    for (const mark of marks) {
+      const { id, name } = mark.person;
+      if (!layers.names && id !== hoveredId && id !== selectedId) continue;
+      drawLabel(this.#ctx, { ...mark, name }, this.#colours, id === selectedId);
     }
   }
-
-  function keepCentred() {
-    const { state } = store;
-    if (!state.following) return;
-    const mark = marks().find(({ person }) => person.id === state.selectedId);
-    if (mark) map.centre(mark.x, mark.y);
-  }
-
-  function frame() {
-    scheduled = false;
-    if (clocks.pageMs() - drawnMs >= FRAME_MS) {
-      keepCentred();
-      draw();
-    }
-    if (clocks.pageMs() - drawnMs >= FRAME_MS || anyoneGlides()) schedule();
-  }
-
-  function anyoneGlides() {
-    for (const person of store.state.people.values()) {
-      if (person.fix?.floor_id === store.state.floorId && isGliding(person, glideMs())) return true;
-    }
-    return false;
-  }
-
-  function schedule() {
-    if (scheduled) return;
-    scheduled = true;
-    requestAnimationFrame(frame);
-  }
-
-  /** The person drawn nearest to a point of the container, within reach of a finger's tip. */
-  function at(px, py) {
-    let nearest = null;
-    let best = REACH_PX;
-    for (const mark of marks()) {
-      const distance = Math.hypot(mark.px - px, mark.py - py);
-      if (distance < best) [nearest, best] = [mark, distance];
-    }
-    return nearest?.person.id ?? null;
-  }
-
-  map.leaflet.on("move zoom viewreset", draw);
-  new ResizeObserver(() => {
-    map.leaflet.invalidateSize({ animate: false });
-    resize();
-  }).observe(container);
-  onThemeChange(() => {
-    colours = themeColours();
-    schedule();
-  });
-  store.subscribe(schedule);
-  resize();
-  return { marks, at, schedule };
-}
-
-function isInSight({ px, py, radiusPx }, container) {
-  const margin = radiusPx + MARGIN_PX;
-  return px > -margin && py > -margin && px < container.clientWidth + margin && py < container.clientHeight + margin;
 }

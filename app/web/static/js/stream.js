@@ -4,7 +4,7 @@ const PROTOCOL = "pharos.v1";
 const SUBSCRIPTION = "s1";
 const FIRST_DELAY_MS = 500;
 const LONGEST_DELAY_MS = 15_000;
-const PING_MS = 20_000;
+const PING_MS = 10_000;
 const SILENCE_MS = 30_000;
 
 /** Wait before attempt n (0, 1, ...): doubling, the upper half of it left to chance. */
@@ -13,95 +13,101 @@ export function backoffDelayMs(attempt, random) {
   return ceiling * (0.5 + random / 2);
 }
 
-/**
- * Keep a subscription alive until `stop()`.
- *
- * prepare     async, before each attempt: load what may have changed; returns the subscription's
- *             filter, or throws; an error that `isPassing` knows is worth another attempt
- * onSnapshot, onEvent   receive the list of items of a frame
- * onConnection("live" | "reconnecting" | "failed", problem)
- */
-export function keepSubscribed({ url, prepare, isPassing, onSnapshot, onEvent, onConnection }) {
-  let stopped = false;
-  let attempt = 0;
-  let socket = null;
-  let refusal = ""; // the server's words when it refused the subscription
-  let wake = () => {};
+/** A subscription that is kept alive from `start()` to `stop()`. */
+export class LiveStream {
+  #url;
+  #handlers;
+  #stopped = false;
+  #attempt = 0;
+  #socket = null;
+  #refusal = ""; // the server's words when it refused the subscription
+  #wake = () => {};
 
-  async function run() {
-    while (!stopped) {
-      try {
-        const filter = await prepare();
-        if (!stopped) await converse(filter);
-      } catch (error) {
-        if (!isPassing(error)) {
-          onConnection("failed", error.message);
-          throw error;
-        }
-      }
-      if (stopped) return;
-      onConnection("reconnecting", refusal);
-      await pause(backoffDelayMs(attempt, Math.random()));
-      attempt += 1;
+  /**
+   * handlers:
+   *   prepare      async, before each attempt: load what may have changed; returns the filter of
+   *                the subscription, or throws
+   *   isPassing    tells whether an error of `prepare` is worth another attempt
+   *   onSnapshot, onEvent      take the items of a frame
+   *   onConnection("live" | "reconnecting" | "failed", problem)
+   */
+  constructor(url, handlers) {
+    this.#url = url;
+    this.#handlers = handlers;
+  }
+
+  async start() {
+    const wake = () => this.#wake();
+    window.addEventListener("online", wake);
+    try {
+      while (!this.#stopped) await this.#attemptOnce();
+    } finally {
+      window.removeEventListener("online", wake);
     }
   }
 
-  function pause(delayMs) {
+  stop() {
+    this.#stopped = true;
+    this.#socket?.close();
+    this.#wake();
+  }
+
+  async #attemptOnce() {
+    try {
+      const filter = await this.#handlers.prepare();
+      if (!this.#stopped) await this.#converse(filter);
+    } catch (error) {
+      if (!this.#handlers.isPassing(error)) {
+        this.#handlers.onConnection("failed", error.message);
+        throw error;
+      }
+    }
+    if (this.#stopped) return;
+    this.#handlers.onConnection("reconnecting", this.#refusal);
+    await this.#pause(backoffDelayMs(this.#attempt, Math.random()));
+    this.#attempt += 1;
+  }
+
+  /** One socket from its opening to its end, whatever ends it. */
+  async #converse(filter) {
+    const socket = new WebSocket(this.#url, PROTOCOL);
+    this.#socket = socket;
+    const send = (frame) => socket.send(JSON.stringify(frame));
+    let heardMs = performance.now();
+    const pulse = setInterval(() => {
+      if (performance.now() - heardMs > SILENCE_MS) socket.close();
+      else if (socket.readyState === WebSocket.OPEN) send({ op: "ping" });
+    }, PING_MS);
+    socket.onopen = () => send({ op: "subscribe", id: SUBSCRIPTION, topic: "fixes", filter });
+    socket.onmessage = (message) => {
+      heardMs = performance.now();
+      if (!this.#stopped) this.#receive(JSON.parse(message.data));
+    };
+    await new Promise((resolve) => { socket.onclose = resolve; });
+    clearInterval(pulse);
+  }
+
+  #receive(frame) {
+    if (frame.op === "subscribed") {
+      this.#attempt = 0;
+      this.#refusal = "";
+      this.#handlers.onSnapshot(frame.snapshot);
+      this.#handlers.onConnection("live", "");
+    } else if (frame.op === "event") {
+      this.#handlers.onEvent(frame.data);
+    } else if (frame.op === "error") {
+      this.#refusal = frame.detail;
+      this.#socket.close();
+    }
+  }
+
+  #pause(delayMs) {
     return new Promise((resolve) => {
       const timer = setTimeout(resolve, delayMs);
-      wake = () => {
+      this.#wake = () => {
         clearTimeout(timer);
         resolve();
       };
     });
   }
-
-  function receive(frame) {
-    if (frame.op === "subscribed") {
-      attempt = 0;
-      refusal = "";
-      onSnapshot(frame.snapshot);
-      onConnection("live", "");
-    } else if (frame.op === "event") {
-      onEvent(frame.data);
-    } else if (frame.op === "error") {
-      refusal = frame.detail;
-      socket.close();
-    }
-  }
-
-  /** One socket from opening to its end, whatever ends it. */
-  function converse(filter) {
-    return new Promise((resolve) => {
-      socket = new WebSocket(url, PROTOCOL);
-      const current = socket;
-      let heardMs = performance.now();
-      const pulse = setInterval(() => {
-        if (performance.now() - heardMs > SILENCE_MS) current.close();
-        else if (current.readyState === WebSocket.OPEN) send({ op: "ping" });
-      }, PING_MS / 2);
-      const send = (frame) => current.send(JSON.stringify(frame));
-      current.onopen = () => send({ op: "subscribe", id: SUBSCRIPTION, topic: "fixes", filter });
-      current.onmessage = (message) => {
-        heardMs = performance.now();
-        if (!stopped) receive(JSON.parse(message.data));
-      };
-      current.onclose = () => {
-        clearInterval(pulse);
-        resolve();
-      };
-    });
-  }
-
-  const onOnline = () => wake();
-  window.addEventListener("online", onOnline);
-  run();
-  return {
-    stop() {
-      stopped = true;
-      window.removeEventListener("online", onOnline);
-      socket?.close();
-      wake();
-    },
-  };
 }
