@@ -1,0 +1,65 @@
+"""The database of this machine's settings, for commands that work on it without a server."""
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Annotated
+
+import typer
+from pydantic import ValidationError
+from sqlalchemy.exc import ArgumentError, SQLAlchemyError
+
+from app.cli.errors import CommandError
+from app.config import Settings
+from app.storage.database import Database
+from app.storage.migrate import upgrade
+
+DatabaseOption = Annotated[
+    str | None,
+    typer.Option(
+        "--database",
+        metavar="URL",
+        help="SQLAlchemy URL, instead of PHAROS_DATABASE_URL.",
+        show_default=False,
+    ),
+]
+
+
+def settings_with(**given: object) -> Settings:
+    """Return the settings of the environment, with the options that were given in their place."""
+    try:
+        return Settings(**{name: value for name, value in given.items() if value is not None})
+    except ValidationError as error:
+        wrong = "; ".join(f"{'.'.join(map(str, e['loc']))}: {e['msg']}" for e in error.errors())
+        msg = f"settings: {wrong}"
+        raise CommandError(msg, 2) from error
+
+
+@contextmanager
+def local_database(url: str | None) -> Iterator[Database]:
+    """Open the database, brought up to date if the settings say so."""
+    settings = settings_with(database_url=url)
+    try:
+        if settings.migrate:
+            upgrade(settings.database_url)
+        database = Database(settings.database_url)
+    except (SQLAlchemyError, ArgumentError, ValueError) as error:
+        raise database_error(settings.database_url, error) from error
+    try:
+        yield database
+    except SQLAlchemyError as error:
+        raise database_error(settings.database_url, error) from error
+    finally:
+        database.close_now()
+
+
+def database_error(url: str, error: Exception) -> CommandError:
+    """Return what to say of a database that cannot be used; its password is not repeated."""
+    where = url.rpartition("@")[2]
+    first_line = str(getattr(error, "orig", None) or error).partition("\n")[0]
+    return CommandError(f"the database {where} cannot be used: {first_line}")
+
+
+def now_s() -> float:
+    """Return the present time, for rows that a command makes."""
+    return time.time()
