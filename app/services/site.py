@@ -32,11 +32,20 @@ class SiteDirectory:
     def __init__(self, database: Database) -> None:
         self._database = database
         self._models: dict[str, SiteModel] = {}
+        self._profiles: dict[str, str] = {}
         self._refreshing = asyncio.Lock()
 
     def current(self, site_id: str) -> SiteModel | None:
         """Return the site as it is now, None if there is no such site."""
         return self._models.get(site_id)
+
+    def site_ids(self) -> tuple[str, ...]:
+        """Return the ids of all sites."""
+        return tuple(self._models)
+
+    def default_profile(self, site_id: str) -> str:
+        """Return the profile of sessions at a site that name none."""
+        return self._profiles[site_id]
 
     def params(self, site_id: str, profile: str) -> Params:
         """Return the parameters of a profile; KeyError if there is none of this name."""
@@ -54,7 +63,8 @@ class SiteDirectory:
                 model = await self._database.read(partial(load_site_model, site_id=site_id))
                 if model is not None:
                     models[site_id] = model
-            self._models = models
+            self._profiles = await self._database.read(sites.default_profiles)
+            self._models = {s: m for s, m in models.items() if s in self._profiles}
 
 
 def load_site_model(connection: Connection, site_id: str) -> SiteModel | None:

@@ -83,6 +83,12 @@ def model_versions(connection: Connection) -> dict[str, int]:
     return {row.id: row.model_version for row in rows}
 
 
+def default_profiles(connection: Connection) -> dict[str, str]:
+    """Return the default profile of every site."""
+    rows = connection.execute(select(SITES.c.id, SITES.c.default_profile))
+    return {row.id: row.default_profile for row in rows}
+
+
 def _editable(site: StoredSite) -> dict[str, Any]:
     return {
         "name": site.name,
