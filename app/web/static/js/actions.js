@@ -4,7 +4,7 @@ import { listed } from "./people.js";
 
 export function createActions(store, map, nowMs) {
   function showFloor(floorId) {
-    const floor = store.state.floors.find(({ id }) => id === floorId);
+    const floor = store.state.floors.find((each) => each.floor_id === floorId);
     if (!floor) return;
     store.change((state) => { state.floorId = floorId; });
     map.showFloor(floor);
@@ -59,9 +59,11 @@ export function createActions(store, map, nowMs) {
       map.fit();
     },
     search: (query) => store.change((state) => { state.query = query; }),
-    selectFirst() {
-      const [first] = listed(store.state, nowMs());
-      if (first) select(first.id);
+    /** Keep the selected person if the search left them in the list, else take its first. */
+    selectListed() {
+      const people = listed(store.state, nowMs());
+      const kept = people.some(({ id }) => id === store.state.selectedId);
+      if (!kept && people.length) select(people[0].id);
     },
   };
 }

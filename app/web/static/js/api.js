@@ -34,10 +34,6 @@ export const floors = (siteId) => listAll("/v1/floors", { site_id: siteId });
 export const beacons = (siteId) => listAll("/v1/beacons", { site_id: siteId });
 export const devices = () => listAll("/v1/devices");
 
-export function planUrl(floor) {
-  return `/v1/floors/${encodeURIComponent(floor.id)}/plan`;
-}
-
 export function streamUrl(location) {
   return `${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/v1/stream`;
 }

@@ -18,13 +18,13 @@ export function createHeader(store, onSite) {
   document.getElementById("theme-toggle").addEventListener("click", toggleTheme);
 
   store.subscribe((state) => {
-    const site = state.sites.find(({ id }) => id === state.siteId);
+    const site = state.sites.find((each) => each.site_id === state.siteId);
     setText(name, site?.name ?? "Pharos");
     name.hidden = state.sites.length > 1;
     select.hidden = state.sites.length <= 1;
     if (state.sites !== shownSites) {
       shownSites = state.sites;
-      select.replaceChildren(...shownSites.map(({ id, name: words }) => element("option", { value: id }, words)));
+      select.replaceChildren(...shownSites.map((each) => element("option", { value: each.site_id }, each.name)));
     }
     select.value = state.siteId ?? "";
     setText(connection, state.problem || CONNECTION_WORDS[state.connection]);

@@ -26,7 +26,7 @@ export function bindKeys(store, actions, map) {
     ArrowUp: () => actions.step(-1),
     ArrowDown: () => actions.step(1),
     Enter: () => {
-      actions.selectFirst();
+      actions.selectListed();
       list.focus();
     },
     Escape: () => {

@@ -46,8 +46,8 @@ export class Live {
   async #prepare() {
     const sites = await this.#loadSites();
     const { state } = this.#store;
-    const kept = sites.find(({ id }) => id === state.siteId) ?? sites[0];
-    const siteId = kept?.id ?? null;
+    const kept = sites.find((site) => site.site_id === state.siteId) ?? sites[0];
+    const siteId = kept?.site_id ?? null;
     this.#store.change(() => Object.assign(state, { sites, siteId }));
     if (siteId === null) return {};
     await this.#loadPlace(siteId);
@@ -69,8 +69,8 @@ export class Live {
     const [floors, beacons] = await Promise.all([api.floors(siteId), api.beacons(siteId)]);
     floors.sort((a, b) => a.building.localeCompare(b.building) || a.ordinal - b.ordinal);
     this.#store.change((state) => Object.assign(state, { floors, beacons }));
-    const shown = floors.some(({ id }) => id === this.#store.state.floorId);
-    if (!shown && floors.length) this.#actions.showFloor(floors[0].id);
+    const shown = floors.some((floor) => floor.floor_id === this.#store.state.floorId);
+    if (!shown && floors.length) this.#actions.showFloor(floors[0].floor_id);
   }
 
   async #loadNames() {
@@ -78,7 +78,7 @@ export class Live {
     const devices = await api.devices();
     this.#store.change((state) => {
       const here = devices.filter(({ site_id: siteId }) => siteId === null || siteId === state.siteId);
-      for (const device of here) state.people.set(device.id, named(state.people.get(device.id), device));
+      for (const device of here) state.people.set(device.device_id, named(state.people.get(device.device_id), device));
       state.order = orderOf(state.people.values());
     });
   }
@@ -108,9 +108,9 @@ export class Live {
 }
 
 function named(person, device) {
-  const name = device.person || device.name || device.id;
+  const name = device.person || device.name || device.device_id;
   if (person) return withName(person, name);
-  return newPerson(device.id, name, device.last_seen ? Date.parse(device.last_seen) : null);
+  return newPerson(device.device_id, name, device.last_seen ? Date.parse(device.last_seen) : null);
 }
 
 function reported(person, report, { seenMs, clockMs }) {

@@ -1,7 +1,6 @@
 // The plan under the people: Leaflet in plain metres, one floor at a time.
 
 import { Control, CRS, ImageOverlay, Map as LeafletMap, Rectangle } from "../leaflet/leaflet-src.esm.js";
-import { planUrl } from "./api.js";
 
 const PAN_PX = 80;
 const FIT_PADDING_PX = [28, 48]; // room for the toolbar above and the scale below
@@ -41,9 +40,9 @@ export class FloorMap {
   showFloor(floor) {
     const bounds = boundsOf(floor);
     const sheet = new Rectangle(bounds, { className: "floor-sheet", interactive: false, pane: "tilePane" });
-    const plan = new ImageOverlay(planUrl(floor), bounds, { className: "plan-image", alt: "" });
     for (const layer of this.#layers) layer.remove();
-    this.#layers = floor.has_plan ? [sheet, plan] : [sheet];
+    this.#layers = [sheet];
+    if (floor.plan) this.#layers.push(new ImageOverlay(floor.plan, bounds, { className: "plan-image", alt: "" }));
     for (const layer of this.#layers) layer.addTo(this.leaflet);
     const sameFrame = this.#floor !== null && String(boundsOf(this.#floor)) === String(bounds);
     this.#floor = floor;
@@ -90,5 +89,5 @@ function latLng(x, y) {
 }
 
 function boundsOf(floor) {
-  return [latLng(floor.x0_m, floor.y0_m), latLng(floor.x0_m + floor.width_m, floor.y0_m + floor.height_m)];
+  return [latLng(floor.x0, floor.y0), latLng(floor.x0 + floor.width, floor.y0 + floor.height)];
 }

@@ -135,7 +135,7 @@ export class PeopleLayer {
     const { beacons, floorId } = this.#store.state;
     const frame = this.#map.frame();
     const here = beacons.filter((beacon) => beacon.floor_id === floorId);
-    drawBeacons(this.#ctx, here.map(({ x_m: x, y_m: y }) => toPixels(frame, x, y)), this.#colours.beacon);
+    drawBeacons(this.#ctx, here.map(({ x, y }) => toPixels(frame, x, y)), this.#colours.beacon);
   }
 
   #drawExtents(marks) {

@@ -44,5 +44,5 @@ export function initialState() {
 }
 
 export function floorName(state, floorId) {
-  return state.floors.find((floor) => floor.id === floorId)?.name ?? "—";
+  return state.floors.find((floor) => floor.floor_id === floorId)?.name ?? "—";
 }

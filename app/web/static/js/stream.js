@@ -83,8 +83,9 @@ export class LiveStream {
       heardMs = performance.now();
       if (!this.#stopped) this.#receive(JSON.parse(message.data));
     };
-    await new Promise((resolve) => { socket.onclose = resolve; });
+    const closed = await new Promise((resolve) => { socket.onclose = resolve; });
     clearInterval(pulse);
+    if (closed.code >= 4400) this.#refusal = closed.reason;
   }
 
   #receive(frame) {

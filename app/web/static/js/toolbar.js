@@ -31,8 +31,8 @@ function createFloorTabs(store, actions) {
     shown = floors;
     tabs = floors.map((floor) => {
       const count = element("span", { class: "count" });
-      const button = toggleButton(() => actions.showFloor(floor.id), floor.name, count);
-      button.dataset.floorId = floor.id;
+      const button = toggleButton(() => actions.showFloor(floor.floor_id), floor.name, count);
+      button.dataset.floorId = floor.floor_id;
       return { floor, button, count };
     });
     host.replaceChildren(...tabs.map(({ button }) => button));
@@ -42,7 +42,7 @@ function createFloorTabs(store, actions) {
     if (state.floors !== shown) build(state.floors);
     const counts = countByFloor(state.people.values());
     for (const { floor, button, count } of tabs) {
-      setAttribute(button, "aria-pressed", floor.id === state.floorId);
+      setAttribute(button, "aria-pressed", floor.floor_id === state.floorId);
       setText(count, String(counts.get(floor.id) ?? 0));
     }
   };
