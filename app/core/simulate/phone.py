@@ -36,7 +36,7 @@ class Phone:
         Added to every level that it reports.
     holding_rad, drift_radps
         What its heading is off by at the start of the walk, and how that grows.
-    step_length_m, step_spread
+    step_length_m, step_deviation_ratio
         Mean length of a step, and the relative deviation of single ones.
     miss_probability
         Share of steps that its detector misses.
@@ -46,7 +46,7 @@ class Phone:
     holding_rad: float
     drift_radps: float
     step_length_m: float
-    step_spread: float = 0.05
+    step_deviation_ratio: float = 0.05
     miss_probability: float = 0.03
     heading_noise_rad: float = 0.05
 
@@ -171,8 +171,10 @@ def _hear(
 def _step_borders_m(phone: Phone, truth: WalkTruth, rng: np.random.Generator) -> FloatArray:
     """Return the distances walked at which steps end, the first border being the start."""
     walked_m = float(truth.walked_m[-1])
-    most = int(walked_m / (phone.step_length_m * (1.0 - 4.0 * phone.step_spread))) + 1
-    lengths_m = phone.step_length_m * (1.0 + phone.step_spread * rng.normal(size=most).clip(-3, 3))
+    most = int(walked_m / (phone.step_length_m * (1.0 - 4.0 * phone.step_deviation_ratio))) + 1
+    lengths_m = phone.step_length_m * (
+        1.0 + phone.step_deviation_ratio * rng.normal(size=most).clip(-3, 3)
+    )
     borders_m = np.concatenate(([0.0], np.cumsum(lengths_m)))
     return borders_m[borders_m <= walked_m]
 
