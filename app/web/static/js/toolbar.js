@@ -43,7 +43,7 @@ function createFloorTabs(store, actions) {
     const counts = countByFloor(state.people.values());
     for (const { floor, button, count } of tabs) {
       setAttribute(button, "aria-pressed", floor.floor_id === state.floorId);
-      setText(count, String(counts.get(floor.id) ?? 0));
+      setText(count, String(counts.get(floor.floor_id) ?? 0));
     }
   };
 }
