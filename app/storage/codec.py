@@ -45,11 +45,16 @@ class SchemaError(ValueError):
 
 @dataclasses.dataclass(slots=True)
 class _Layout:
-    """How one type is packed; None where the value goes to MessagePack as it is."""
+    """How one type is packed; None where the value goes to MessagePack as it is.
+
+    ``is_leaf`` is said, not found out: the layout of a class that contains itself is asked for
+    before its functions are there.
+    """
 
     outline: str
     pack: Pack | None = None
     unpack: Pack | None = None
+    is_leaf: bool = False
 
 
 class TreeCodec(Generic[T]):
@@ -126,7 +131,7 @@ class _Layouts:
         origin: Hint = get_origin(hint)
         arguments = get_args(hint)
         if hint in _LEAVES or origin in (np.ndarray, Literal):
-            return _Layout(str(hint))
+            return _Layout(str(hint), is_leaf=True)
         if isinstance(hint, type) and dataclasses.is_dataclass(hint):
             return self.known.get(hint) or self._dataclass(hint)
         if isinstance(hint, type) and issubclass(hint, enum.Enum):
@@ -151,7 +156,7 @@ class _Layouts:
             raise TypeError(msg)
         layout.outline += str([(n, m.outline) for n, m in zip(names, members, strict=True)])
         values_of = _fields_getter(names)
-        packs = [(i, member) for i, member in enumerate(members) if member.pack or member.unpack]
+        packs = [(i, member) for i, member in enumerate(members) if not member.is_leaf]
 
         def pack(value: Value) -> Value:
             values = values_of(value)
@@ -174,7 +179,7 @@ class _Layouts:
     def _tuple(self, arguments: tuple[Hint, ...]) -> _Layout:
         if len(arguments) == 2 and arguments[1] is Ellipsis:
             item = self.of(arguments[0])
-            if item.pack is None and item.unpack is None:
+            if item.is_leaf:
                 return _Layout(f"({item.outline}...)", None, tuple)
             return _Layout(
                 f"({item.outline}...)",
@@ -200,8 +205,8 @@ class _Layouts:
     def _union(self, arguments: tuple[Hint, ...]) -> _Layout:
         members = {argument: self.of(argument) for argument in arguments}
         outline = "|".join(layout.outline for layout in members.values())
-        if all(m.pack is None and m.unpack is None for m in members.values()):
-            return _Layout(outline)
+        if all(layout.is_leaf for layout in members.values()):
+            return _Layout(outline, is_leaf=True)
         others = [argument for argument in arguments if argument is not type(None)]
         if len(others) == 1:
             only = members[others[0]]
