@@ -1,6 +1,5 @@
 """The database of this machine's settings, for commands that work on it without a server."""
 
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Annotated
@@ -11,8 +10,11 @@ from sqlalchemy.exc import ArgumentError, SQLAlchemyError
 
 from app.cli.errors import CommandError
 from app.config import Settings
+from app.main import SystemClock
 from app.storage.database import Database
 from app.storage.migrate import upgrade
+
+CLOCK = SystemClock()
 
 DatabaseOption = Annotated[
     str | None,
@@ -58,8 +60,3 @@ def database_error(url: str, error: Exception) -> CommandError:
     where = url.rpartition("@")[2]
     first_line = str(getattr(error, "orig", None) or error).partition("\n")[0]
     return CommandError(f"the database {where} cannot be used: {first_line}")
-
-
-def now_s() -> float:
-    """Return the present time, for rows that a command makes."""
-    return time.time()

@@ -17,7 +17,9 @@ cli = typer.Typer(
     pretty_exceptions_enable=False,
 )
 importing = typer.Typer(no_args_is_help=True, help="Bring in sites, beacons and fingerprints.")
-tables = typer.Typer(no_args_is_help=True, help="Bring in a table; docs/formats.md has its columns.")
+tables = typer.Typer(
+    no_args_is_help=True, help="Bring in a table; docs/formats.md has its columns."
+)
 
 cli.command("serve")(serve.serve)
 cli.command("demo")(demo.demo)

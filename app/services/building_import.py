@@ -119,6 +119,13 @@ def floor_id_of(site_id: str, floor_name: str) -> str:
     return f"{site_id}-{floor_name}"
 
 
+def refuse_existing(connection: Connection, site_id: str) -> None:
+    """Raise AppError if there is a site of this id."""
+    if sites.get_site(connection, site_id) is not None:
+        detail = f"there is a site {site_id!r} already; --replace brings it up to date"
+        raise AppError(ErrorCode.CONFLICT, detail)
+
+
 def storing(
     wanted: SiteImport, created_s: float, *, overwrite: bool
 ) -> Callable[[Connection], StoredRadioMap]:
@@ -131,10 +138,10 @@ def storing(
     rasters = {f.name: parse_floor_map(f.map_document).raster() for f in wanted.building.floors}
 
     def statement(connection: Connection) -> StoredRadioMap:
+        if not overwrite:
+            refuse_existing(connection, site_id)
         if sites.get_site(connection, site_id) is None:
             sites.insert_site(connection, _site(site_id, wanted, created_s))
-        elif not overwrite:
-            raise AppError(ErrorCode.CONFLICT, f"there is a site {site_id!r} already")
         known = {f.floor_id: f for f in floors.floors_of_site(connection, site_id)}
         for folder in wanted.building.floors:
             floor = _stored_floor(site_id, wanted.building.name, folder)
