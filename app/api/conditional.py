@@ -1,20 +1,21 @@
 """Conditional requests (RFC 9110) and merge-patch (RFC 7396): no edit of what was not seen."""
 
+import json
 from collections.abc import Mapping
 from typing import Annotated, Any, TypeVar
 
-from fastapi import Header, Request, Response
+from fastapi import Depends, Header, Request, Response
 from fastapi.exceptions import RequestValidationError
 from pydantic import BaseModel, ValidationError
 
+from app.api.uploads import media_type_of, read_bounded
 from app.services.errors import AppError, ErrorCode
+from app.services.writing import SeenVersions
 
 Model = TypeVar("Model", bound=BaseModel)
 
-IfMatch = Annotated[str | None, Header(description="ETag of the state that the edit was made on")]
-IfNoneMatch = Annotated[str | None, Header(description="ETag of the state already held")]
-
-PATCH_TYPES = frozenset({"application/merge-patch+json", "application/json"})
+MAX_PATCH_BYTES = 1 << 20
+PATCH_TYPES = ("application/merge-patch+json", "application/json")
 
 
 def etag_of(row_version: int | str) -> str:
@@ -22,24 +23,31 @@ def etag_of(row_version: int | str) -> str:
     return f'"{row_version}"'
 
 
-def _listed(header: str) -> set[str]:
-    return {part.strip() for part in header.split(",")}
+def _listed(header: str) -> frozenset[str]:
+    return frozenset(part.strip() for part in header.split(","))
 
 
-def check_if_match(if_match: str | None, row_version: int | str) -> None:
-    """Refuse an edit that was made on another state than the stored one."""
+def seen_versions(
+    if_match: Annotated[
+        str | None, Header(description="ETag of the state that the edit was made on")
+    ] = None,
+) -> SeenVersions:
+    """Return the row versions that If-Match names; None if any will do."""
     if if_match is None or if_match.strip() == "*":
-        return
-    if etag_of(row_version) not in _listed(if_match):
-        detail = "it was changed meanwhile; read it again"
-        raise AppError(ErrorCode.ETAG_MISMATCH, detail, headers={"ETag": etag_of(row_version)})
+        return None
+    # Strong comparison: a weak tag matches nothing.
+    return frozenset(tag.strip('"') for tag in _listed(if_match) if tag.startswith('"'))
 
 
-def is_unchanged(if_none_match: str | None, row_version: int | str) -> bool:
-    """Tell whether the client already holds this state (weak comparison)."""
-    if if_none_match is None:
+Seen = Annotated[SeenVersions, Depends(seen_versions)]
+
+
+def is_held(request: Request, row_version: int | str) -> bool:
+    """Tell whether If-None-Match names this state: the client has it already."""
+    header = request.headers.get("if-none-match")
+    if header is None:
         return False
-    held = {tag.removeprefix("W/") for tag in _listed(if_none_match)}
+    held = {tag.removeprefix("W/") for tag in _listed(header)}
     return "*" in held or etag_of(row_version) in held
 
 
@@ -63,23 +71,33 @@ def apply_merge_patch(target: object, patch: object) -> object:
 
 async def read_merge_patch(request: Request) -> dict[str, Any]:
     """Return the request's merge-patch document, which must be an object."""
-    content_type = request.headers.get("content-type", "").partition(";")[0].strip().lower()
-    if content_type not in PATCH_TYPES:
-        detail = "PATCH takes application/merge-patch+json"
+    if media_type_of(request) not in PATCH_TYPES:
+        detail = f"PATCH takes {PATCH_TYPES[0]}"
         raise AppError(ErrorCode.MEDIA_TYPE_UNSUPPORTED, detail)
     try:
-        patch = await request.json()
-    except ValueError as error:
+        patch = json.loads(await read_bounded(request, MAX_PATCH_BYTES))
+    except (ValueError, RecursionError) as error:
         raise AppError(ErrorCode.MALFORMED_BODY, "the body is not JSON") from error
     if not isinstance(patch, dict):
         raise AppError(ErrorCode.MALFORMED_BODY, "a merge-patch is a JSON object")
     return patch
 
 
-def validated(model: type[Model], document: Mapping[str, Any]) -> Model:
-    """Return the document as ``model``; its errors answer like those of a request body."""
+MergePatch = Annotated[dict[str, Any], Depends(read_merge_patch)]
+
+
+def patch_schema(model: type[BaseModel]) -> dict[str, Any]:
+    """Return the OpenAPI of a PATCH whose body `read_merge_patch` reads itself."""
+    schema = model.model_json_schema()
+    schema.pop("required", None)
+    return {"requestBody": {"required": True, "content": {PATCH_TYPES[0]: {"schema": schema}}}}
+
+
+def patched(current: Model, patch: Mapping[str, Any]) -> Model:
+    """Return the fields after a merge-patch; errors answer like those of a request body."""
+    document = apply_merge_patch(current.model_dump(mode="json"), patch)
     try:
-        return model.model_validate(document)
+        return type(current).model_validate(document)
     except ValidationError as error:
         errors = [{**e, "loc": ("body", *e["loc"])} for e in error.errors()]
         raise RequestValidationError(errors) from error

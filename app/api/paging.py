@@ -3,9 +3,10 @@
 import base64
 import binascii
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Annotated, Generic, TypeVar
 
-from fastapi import Query
+from fastapi import Depends, Query
 from pydantic import BaseModel
 
 from app.services.errors import AppError, ErrorCode
@@ -16,10 +17,13 @@ Stored = TypeVar("Stored")
 MAX_LIMIT = 500
 """A page of this many rows stays under 1 MB and a few milliseconds."""
 
-Limit = Annotated[int, Query(ge=1, le=MAX_LIMIT, description="Rows per page")]
-Cursor = Annotated[
-    str | None, Query(max_length=400, description="`next_cursor` of the page before; opaque")
-]
+
+@dataclass(frozen=True, slots=True)
+class PageRequest:
+    """Which page is asked for: how many rows, after which key."""
+
+    limit: int
+    after: str | None
 
 
 class Page(BaseModel, Generic[Item]):
@@ -34,15 +38,26 @@ def encode_cursor(last_key: str) -> str:
     return base64.urlsafe_b64encode(last_key.encode()).decode().rstrip("=")
 
 
-def decode_cursor(cursor: str | None) -> str | None:
-    """Return the key to continue after; None starts at the first row."""
-    if cursor is None:
-        return None
+def decode_cursor(cursor: str) -> str:
+    """Return the key to continue after."""
     try:
         padded = cursor + "=" * (-len(cursor) % 4)
         return base64.b64decode(padded, altchars=b"-_", validate=True).decode()
     except (binascii.Error, UnicodeDecodeError, ValueError) as error:
         raise AppError(ErrorCode.INVALID_CURSOR, "the cursor is not one of ours") from error
+
+
+def page_request(
+    limit: Annotated[int, Query(ge=1, le=MAX_LIMIT, description="Rows per page")] = 100,
+    cursor: Annotated[
+        str | None, Query(max_length=400, description="`next_cursor` of the page before; opaque")
+    ] = None,
+) -> PageRequest:
+    """Return the page that a list's parameters ask for."""
+    return PageRequest(limit, None if cursor is None else decode_cursor(cursor))
+
+
+Paging = Annotated[PageRequest, Depends(page_request)]
 
 
 def page_of(

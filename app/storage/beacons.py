@@ -101,7 +101,7 @@ def update_beacon(connection: Connection, beacon: StoredBeacon) -> int:
     version = update_row(
         connection, BEACONS, beacon.beacon_id, beacon.row_version, _editable(beacon)
     )
-    connection.execute(delete(BEACON_KEYS).where(BEACON_KEYS.c.beacon_id == beacon.beacon_id))
+    drop_keys(connection, beacon.beacon_id)
     _insert_keys(connection, beacon)
     return version
 
@@ -109,6 +109,18 @@ def update_beacon(connection: Connection, beacon: StoredBeacon) -> int:
 def delete_beacon(connection: Connection, beacon_id: str) -> None:
     """Remove a beacon with its keys."""
     connection.execute(delete(BEACONS).where(BEACONS.c.id == beacon_id))
+
+
+def drop_keys(connection: Connection, beacon_id: str) -> None:
+    """Remove the keys of a beacon, for edits that hand keys from one beacon to another."""
+    connection.execute(delete(BEACON_KEYS).where(BEACON_KEYS.c.beacon_id == beacon_id))
+
+
+def beacon_ids_elsewhere(connection: Connection, site_id: str) -> set[str]:
+    """Return the ids of all beacons of other sites."""
+    return set(
+        connection.execute(select(BEACONS.c.id).where(BEACONS.c.site_id != site_id)).scalars()
+    )
 
 
 def _insert_keys(connection: Connection, beacon: StoredBeacon) -> None:

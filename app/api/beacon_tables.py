@@ -1,0 +1,186 @@
+"""``/v1/beacons/import`` and ``/export``: the registry as a table, CSV or JSON."""
+
+import json
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Depends, Query, Request, Response
+from fastapi.responses import JSONResponse
+from pydantic import BaseModel, ValidationError
+
+from app.api.auth import READERS, Principal, Role, check_site, require
+from app.api.beacons import NewBeacon, beacon_view, stored_beacon
+from app.api.negotiation import best_type
+from app.api.resource import Admin, Context, Reader
+from app.api.uploads import media_type_of, read_bounded
+from app.formats.beacons_csv import (
+    MAX_ROWS,
+    BeaconRow,
+    BeaconTableError,
+    read_beacons_csv,
+    write_beacons_csv,
+)
+from app.services import beacons as beacon_service
+from app.services.errors import AppError, ErrorCode, found
+from app.storage import beacons, sites
+from app.storage.beacons import StoredBeacon
+
+router = APIRouter(prefix="/v1/beacons", tags=["beacons"])
+
+MAX_TABLE_BYTES = 20 << 20
+
+SiteParameter = Annotated[str, Query(description="Site of the table")]
+Listener = Annotated[Principal, Depends(require(*READERS, Role.DEVICE))]
+
+
+class RefusedRow(BaseModel):
+    """A row that was left out: ``line`` of the CSV, or place in the JSON list counted from 1."""
+
+    line: int
+    beacon_id: str | None
+    detail: str
+
+
+class ImportReport(BaseModel):
+    """What an import did, or with ``dry_run`` would do."""
+
+    dry_run: bool
+    created: int
+    updated: int
+    unchanged: int
+    refused: list[RefusedRow]
+
+
+@router.post(
+    "/import",
+    openapi_extra={
+        "requestBody": {
+            "required": True,
+            "content": {
+                "text/csv": {"schema": {"type": "string"}},
+                "application/json": {
+                    "schema": {"type": "object", "properties": {"items": {"type": "array"}}}
+                },
+            },
+        }
+    },
+)
+async def import_beacons(
+    principal: Admin,
+    context: Context,
+    request: Request,
+    site_id: SiteParameter,
+    dry_run: bool = False,
+) -> ImportReport:
+    """Add and change beacons by their ids, from a CSV table or a JSON list as exported.
+
+    Good rows are taken, refused ones are listed; nothing is removed. With `dry_run` nothing is
+    stored.
+    """
+    check_site(principal, site_id)
+    rows = await _rows(request)
+    taken, lines, refused = _checked(site_id, rows)
+    plan = await beacon_service.import_beacons(context.database, site_id, taken, dry_run=dry_run)
+    if not dry_run:
+        await context.directory.refresh()
+    refused += [
+        RefusedRow(line=lines[r.index], beacon_id=taken[r.index].beacon_id, detail=r.detail)
+        for r in plan.refused
+    ]
+    return ImportReport(
+        dry_run=dry_run,
+        created=len(plan.created),
+        updated=len(plan.updated),
+        unchanged=plan.unchanged,
+        refused=sorted(refused, key=lambda row: row.line),
+    )
+
+
+@router.get("/export", response_class=JSONResponse)
+async def export_beacons(
+    principal: Reader, context: Context, request: Request, site_id: SiteParameter
+) -> Response:
+    """Return all beacons of a site as JSON, or as CSV by Accept; both can be imported again."""
+    check_site(principal, site_id)
+    media_type = best_type(request, ("application/json", "text/csv"))
+    stored = await context.database.read(lambda c: beacons.beacons_of_site(c, site_id))
+    items = [beacon_view(beacon).model_dump() for beacon in stored]
+    if media_type == "application/json":
+        return JSONResponse({"items": items})
+    disposition = {"Content-Disposition": 'attachment; filename="beacons.csv"'}
+    return Response(write_beacons_csv(items), media_type="text/csv", headers=disposition)
+
+
+@router.get("/uuids")
+async def list_uuids(
+    principal: Listener, context: Context, site_id: SiteParameter
+) -> dict[str, list[str]]:
+    """List the iBeacon UUIDs of a site: phones that range beacons must name them beforehand."""
+    check_site(principal, site_id)
+    found(await context.database.read(lambda c: sites.get_site(c, site_id)), "site", site_id)
+    stored = await context.database.read(lambda c: beacons.beacons_of_site(c, site_id))
+    keys = (key.split(":") for beacon in stored for key in beacon.keys)
+    return {"uuids": sorted({key[1] for key in keys if key[0] == "ibeacon"})}
+
+
+async def _rows(request: Request) -> list[BeaconRow]:
+    media_type = media_type_of(request)
+    if media_type not in {"text/csv", "application/json"}:
+        detail = "a table of beacons is text/csv or application/json"
+        raise AppError(ErrorCode.MEDIA_TYPE_UNSUPPORTED, detail)
+    body = await read_bounded(request, MAX_TABLE_BYTES)
+    try:
+        text = body.decode("utf-8")
+        return list(read_beacons_csv(text)) if media_type == "text/csv" else _json_rows(text)
+    except (UnicodeDecodeError, json.JSONDecodeError, RecursionError, BeaconTableError) as error:
+        detail = f"the body is not a table of beacons: {error}"
+        raise AppError(ErrorCode.MALFORMED_BODY, detail) from error
+
+
+def _json_rows(text: str) -> list[BeaconRow]:
+    document = json.loads(text)
+    items = document.get("items") if isinstance(document, dict) else document
+    if not isinstance(items, list) or len(items) > MAX_ROWS:
+        msg = f"not a list of at most {MAX_ROWS} beacons"
+        raise BeaconTableError(msg)
+    return [
+        BeaconRow(place, item) if isinstance(item, dict) else BeaconRow(place, {}, "not an object")
+        for place, item in enumerate(items, 1)
+    ]
+
+
+def _checked(
+    site_id: str, rows: Sequence[BeaconRow]
+) -> tuple[list[StoredBeacon], list[int], list[RefusedRow]]:
+    taken: list[StoredBeacon] = []
+    lines: list[int] = []
+    refused: list[RefusedRow] = []
+    for row in rows:
+        try:
+            taken.append(_beacon(site_id, row))
+            lines.append(row.line)
+        except ValueError as error:
+            name = row.fields.get("beacon_id")
+            named = name if isinstance(name, str) else None
+            refused.append(RefusedRow(line=row.line, beacon_id=named, detail=_words(error)))
+    return taken, lines, refused
+
+
+def _beacon(site_id: str, row: BeaconRow) -> StoredBeacon:
+    if row.error:
+        raise ValueError(row.error)
+    fields: Mapping[str, Any] = row.fields
+    if "beacon_id" not in fields:
+        msg = "beacon_id is missing"
+        raise ValueError(msg)
+    if fields.get("site_id", site_id) != site_id:
+        msg = f"it is of site {fields['site_id']!r}"
+        raise ValueError(msg)
+    beacon = NewBeacon.model_validate({**fields, "site_id": site_id})
+    return stored_beacon(site_id, beacon.beacon_id, beacon)
+
+
+def _words(error: ValueError) -> str:
+    if not isinstance(error, ValidationError):
+        return str(error)
+    return "; ".join(f"{'.'.join(map(str, e['loc'])) or 'row'}: {e['msg']}" for e in error.errors())

@@ -1,0 +1,218 @@
+"""``/v1/beacons``: transmitters with a surveyed place and their calibration, one by one."""
+
+from dataclasses import replace
+from typing import Annotated, Any, Literal, Self
+
+from fastapi import APIRouter, Request, Response
+from pydantic import AfterValidator, Field, model_validator
+
+from app.api.auth import Principal, check_site
+from app.api.conditional import MergePatch, Seen, is_held, not_modified, patch_schema, patched
+from app.api.context import ApiContext
+from app.api.paging import Page, Paging, page_of
+from app.api.resource import (
+    Admin,
+    Context,
+    Identifier,
+    Metres,
+    Reader,
+    StrictModel,
+    created,
+    listed_site,
+    tagged,
+)
+from app.formats.transmitters import canonical_key
+from app.services import beacons as beacon_service
+from app.services.errors import found
+from app.storage import beacons
+from app.storage.beacons import BeaconFilter, StoredBeacon
+
+router = APIRouter(prefix="/v1/beacons", tags=["beacons"])
+
+RESERVED_IDS = frozenset({"import", "export", "uuids"})
+
+
+def _not_reserved(beacon_id: str) -> str:
+    if beacon_id in RESERVED_IDS:
+        msg = "is the name of a route"
+        raise ValueError(msg)
+    return beacon_id
+
+
+Kind = Literal["ble", "wifi"]
+Key = Annotated[
+    str,
+    Field(max_length=100, examples=["mac:a4c138000001"]),
+    AfterValidator(canonical_key),
+]
+
+
+class BeaconFields(StrictModel):
+    """What an admin may change of a beacon.
+
+    Expected level at distance d: `ref_level_dbm` - 10 `path_loss_exponent` log10(d /
+    `ref_distance_m`), with standard deviation `shadowing_db`. Without `floor_id`, `x` and `y` it is
+    registered but not placed.
+    """
+
+    kind: Kind
+    keys: Annotated[list[Key], Field(min_length=1, max_length=16)] = Field(
+        description="What phones hear it by: mac:…, ibeacon:uuid:major:minor, "
+        "eddystone:namespace:instance, altbeacon:…; the first is the most specific"
+    )
+    name: Annotated[str, Field(max_length=200)] = ""
+    floor_id: str | None = None
+    x: Metres | None = None
+    y: Metres | None = None
+    z: Annotated[float, Field(ge=-100, le=100, description="Metres above the floor")] = 0.0
+    ref_level_dbm: Annotated[float, Field(ge=-120, le=20)] = -59.0
+    ref_distance_m: Annotated[float, Field(gt=0, le=100)] = 1.0
+    path_loss_exponent: Annotated[float, Field(ge=0.5, le=10)] = 2.0
+    shadowing_db: Annotated[float, Field(gt=0, le=30)] = 5.0
+
+    @model_validator(mode="after")
+    def _is_placed_or_not(self) -> Self:
+        if len({self.floor_id is None, self.x is None, self.y is None}) > 1:
+            msg = "floor_id, x and y belong together"
+            raise ValueError(msg)
+        if len(set(self.keys)) < len(self.keys):
+            msg = "a key is there twice"
+            raise ValueError(msg)
+        return self
+
+
+class NewBeacon(BeaconFields):
+    """A beacon to add."""
+
+    beacon_id: Annotated[Identifier, AfterValidator(_not_reserved)]
+    site_id: str
+
+
+class Beacon(BeaconFields):
+    """A beacon."""
+
+    beacon_id: str
+    site_id: str
+
+
+@router.get("")
+async def list_beacons(
+    principal: Reader,
+    context: Context,
+    paging: Paging,
+    site_id: str | None = None,
+    floor_id: str | None = None,
+    kind: Kind | None = None,
+) -> Page[Beacon]:
+    """List beacons by id."""
+    which = BeaconFilter(listed_site(principal, site_id), floor_id, kind)
+    rows = await context.database.read(
+        lambda c: beacons.list_beacons(c, which, after=paging.after, limit=paging.limit)
+    )
+    return page_of(rows, paging.limit, lambda beacon: beacon.beacon_id, beacon_view)
+
+
+@router.post("", status_code=201)
+async def create_beacon(
+    body: NewBeacon, principal: Admin, context: Context, response: Response
+) -> Beacon:
+    """Add a beacon to a site."""
+    check_site(principal, body.site_id)
+    stored = await beacon_service.create_beacon(
+        context.database, stored_beacon(body.site_id, body.beacon_id, body)
+    )
+    await context.directory.refresh()
+    path = f"/v1/beacons/{stored.beacon_id}"
+    return created(response, path, stored.row_version, beacon_view(stored))
+
+
+@router.get("/{beacon_id}", response_model=Beacon)
+async def get_beacon(
+    beacon_id: str, principal: Reader, context: Context, request: Request, response: Response
+) -> Beacon | Response:
+    """Return one beacon."""
+    stored = await _beacon(context, principal, beacon_id)
+    if is_held(request, stored.row_version):
+        return not_modified(stored.row_version)
+    return tagged(response, stored.row_version, beacon_view(stored))
+
+
+@router.put("/{beacon_id}")
+async def replace_beacon(
+    beacon_id: str,
+    body: BeaconFields,
+    principal: Admin,
+    context: Context,
+    seen: Seen,
+    response: Response,
+) -> Beacon:
+    """Replace everything that may be changed of a beacon."""
+    await _beacon(context, principal, beacon_id)
+    stored = await beacon_service.edit_beacon(
+        context.database, beacon_id, seen, lambda beacon: replace(beacon, **_columns(body))
+    )
+    await context.directory.refresh()
+    return tagged(response, stored.row_version, beacon_view(stored))
+
+
+@router.patch("/{beacon_id}", openapi_extra=patch_schema(BeaconFields))
+async def patch_beacon(
+    beacon_id: str,
+    patch: MergePatch,
+    principal: Admin,
+    context: Context,
+    seen: Seen,
+    response: Response,
+) -> Beacon:
+    """Change some fields of a beacon (merge-patch)."""
+    await _beacon(context, principal, beacon_id)
+
+    def edit(beacon: StoredBeacon) -> StoredBeacon:
+        return replace(beacon, **_columns(patched(BeaconFields(**_fields(beacon)), patch)))
+
+    stored = await beacon_service.edit_beacon(context.database, beacon_id, seen, edit)
+    await context.directory.refresh()
+    return tagged(response, stored.row_version, beacon_view(stored))
+
+
+@router.delete("/{beacon_id}", status_code=204)
+async def delete_beacon(beacon_id: str, principal: Admin, context: Context, seen: Seen) -> None:
+    """Remove a beacon."""
+    await _beacon(context, principal, beacon_id)
+    await beacon_service.delete_beacon(context.database, beacon_id, seen)
+    await context.directory.refresh()
+
+
+def stored_beacon(site_id: str, beacon_id: str, fields: BeaconFields) -> StoredBeacon:
+    """Return a new beacon as storage takes it."""
+    return StoredBeacon(beacon_id=beacon_id, site_id=site_id, **_columns(fields))
+
+
+def beacon_view(beacon: StoredBeacon) -> Beacon:
+    """Return a beacon as the API shows it."""
+    return Beacon(**_fields(beacon), beacon_id=beacon.beacon_id, site_id=beacon.site_id)
+
+
+async def _beacon(context: ApiContext, principal: Principal, beacon_id: str) -> StoredBeacon:
+    stored = found(
+        await context.database.read(lambda c: beacons.get_beacon(c, beacon_id)),
+        "beacon",
+        beacon_id,
+    )
+    check_site(principal, stored.site_id)
+    return stored
+
+
+_RENAMED = {"x": "x_m", "y": "y_m", "z": "z_m"}
+
+
+def _fields(beacon: StoredBeacon) -> dict[str, Any]:
+    fields = {name: getattr(beacon, _RENAMED.get(name, name)) for name in BeaconFields.model_fields}
+    return {**fields, "keys": list(beacon.keys)}
+
+
+def _columns(fields: BeaconFields) -> dict[str, Any]:
+    columns = {
+        _RENAMED.get(name, name): getattr(fields, name) for name in BeaconFields.model_fields
+    }
+    return {**columns, "keys": tuple(fields.keys)}
