@@ -1,0 +1,388 @@
+"""What a phone is answered, and what happens to its session when things go wrong."""
+
+import asyncio
+from dataclasses import replace
+
+import pytest
+from session_ports import (
+    START_S,
+    ChainFold,
+    ProcessDiedError,
+    Server,
+    batch_of,
+    steps_at,
+    straight_track,
+)
+
+from app.core.session import LogUnavailableError, Rejection
+from app.core.types import NoFix
+from app.sessions.batch import (
+    BatchConflictError,
+    ClockChangedError,
+    ClockReport,
+    MailboxFullError,
+    SessionOverError,
+    UnknownSiteError,
+)
+from app.sessions.hub import Topic
+from app.sessions.limits import SessionLimits
+
+pytestmark = pytest.mark.anyio
+
+
+async def _run_until_blocked() -> None:
+    for _ in range(20):
+        await asyncio.sleep(0)
+
+
+async def test_the_reply_carries_the_output_at_the_latest_observation() -> None:
+    server = Server()
+    edge = Rejection(7, "rssi_range")
+    reply = await server.registry.submit(batch_of(steps_at(0.5, 2.25), rejected=(edge,), ignored=2))
+    assert (reply.accepted, reply.rejected, reply.ignored) == (2, (edge,), 2)
+    assert reply.output is not None
+    assert reply.output.time_s == START_S + 2.25
+    assert server.registry.latest("phone") == (reply.session_id, reply.output)
+    assert server.registry.latest_at("site") == {"phone": reply.output}
+    assert server.registry.latest("stranger") is None
+
+
+async def test_a_batch_without_observations_is_kept_and_has_no_output() -> None:
+    server = Server()
+    rejected = (Rejection(0, "bad_unit"),)
+    first = await server.registry.submit(batch_of([], rejected=rejected))
+    again = await server.registry.submit(batch_of([], rejected=rejected))
+    assert first.output is None
+    assert again == replace(first, duplicate=True)
+    assert server.registry.latest("phone") is None
+
+
+async def test_the_same_batch_again_gets_the_stored_answer_and_is_folded_once() -> None:
+    server = Server()
+    first = await server.registry.submit(batch_of(steps_at(1.0, 2.0)))
+    again = await server.registry.submit(batch_of(steps_at(1.0, 2.0), ignored=9))
+    assert again == replace(first, duplicate=True)
+
+
+async def test_the_same_seq_with_other_records_is_a_conflict() -> None:
+    server = Server()
+    await server.registry.submit(batch_of(steps_at(1.0)))
+    with pytest.raises(BatchConflictError):
+        await server.registry.submit(batch_of(steps_at(2.0)))
+    await server.run_idle()
+    assert server.track() == straight_track(steps_at(1.0), ChainFold())
+
+
+async def test_copies_of_a_batch_in_flight_are_folded_once() -> None:
+    server = Server()
+    copies = [server.registry.submit(batch_of(steps_at(1.0, 2.0))) for _ in range(5)]
+    replies = await asyncio.gather(*copies)
+    assert [reply.duplicate for reply in replies] == [False, True, True, True, True]
+    assert {reply.output for reply in replies} == {replies[0].output}
+
+
+async def test_batches_of_one_device_are_served_in_the_order_of_their_coming() -> None:
+    server = Server()
+    walk = steps_at(*range(12))
+    replies = await asyncio.gather(
+        *(server.registry.submit(batch_of([o], seq)) for seq, o in enumerate(walk))
+    )
+    times_s = [reply.output.time_s for reply in replies if reply.output]
+    assert times_s == [o.time_s for o in walk]
+
+
+async def test_a_full_mailbox_refuses_and_the_rest_is_served() -> None:
+    server = Server(SessionLimits(mailbox_batches=3, retry_after_s=2.5))
+    server.log.gate = asyncio.Event()
+    waiting = [
+        asyncio.create_task(server.registry.submit(batch_of(steps_at(i), i))) for i in range(3)
+    ]
+    await _run_until_blocked()
+    with pytest.raises(MailboxFullError) as refused:
+        await server.registry.submit(batch_of(steps_at(3), 3))
+    assert refused.value.retry_after_s == 2.5
+    other = asyncio.create_task(server.registry.submit(batch_of(steps_at(3), device_id="other")))
+    await _run_until_blocked()
+    server.log.gate.set()
+    assert all(not reply.duplicate for reply in await asyncio.gather(*waiting, other))
+    await server.registry.submit(batch_of(steps_at(3), 3))
+
+
+async def test_a_caller_that_goes_away_leaves_a_folded_batch() -> None:
+    server = Server()
+    server.log.gate = asyncio.Event()
+    caller = asyncio.create_task(server.registry.submit(batch_of(steps_at(0.5, 3.0))))
+    await _run_until_blocked()
+    caller.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await caller
+    server.log.gate.set()
+    reads = server.log.reads
+    await server.registry.settle("phone")
+    (pending,) = server.registry.pending_points("phone").values()
+    points = {p.time_s: p for p in (*server.track(), *pending)}
+    assert list(points.values()) == straight_track(steps_at(0.5, 3.0), ChainFold())
+    assert server.log.reads == reads
+
+
+async def test_what_the_log_refuses_is_neither_acknowledged_nor_folded() -> None:
+    server = Server()
+    await server.registry.submit(batch_of(steps_at(1.0), 0))
+    before = server.registry.latest("phone")
+    server.log.refusing = True
+    with pytest.raises(LogUnavailableError):
+        await server.registry.submit(batch_of(steps_at(2.0), 1))
+    assert server.registry.latest("phone") == before
+    server.log.refusing = False
+    reply = await server.registry.submit(batch_of(steps_at(2.0), 1))
+    assert not reply.duplicate
+    assert reply.output is not None
+    assert reply.output.time_s == START_S + 2.0
+
+
+@pytest.mark.parametrize("phone_retries", [True, False])
+async def test_a_write_that_landed_after_all_is_in_the_track(phone_retries: bool) -> None:
+    server = Server()
+    await server.registry.submit(batch_of(steps_at(1.0), 0))
+    server.log.refusing_after_commit = True
+    with pytest.raises(LogUnavailableError):
+        await server.registry.submit(batch_of(steps_at(2.5), 1))
+    server.log.refusing_after_commit = False
+    if phone_retries:
+        reply = await server.registry.submit(batch_of(steps_at(2.5), 1))
+        assert reply.duplicate
+        assert reply.output is not None
+        assert reply.output.time_s == START_S + 2.5
+    await server.run_idle()
+    observed = [*steps_at(1.0), *steps_at(2.5)]
+    assert server.track() == straight_track(observed, ChainFold())
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"clock": ClockReport(recorded=True, boot_id="second")},
+        {"clock": ClockReport(recorded=False, boot_id="first")},
+        {"site_id": "other"},
+    ],
+)
+async def test_a_batch_of_another_clock_or_site_does_not_belong_to_the_session(
+    changed: dict[str, object],
+) -> None:
+    server = Server()
+    server.sites.current = lambda site_id: server.sites.site  # type: ignore[method-assign]
+    first = ClockReport(recorded=True, boot_id="first")
+    await server.registry.submit(batch_of(steps_at(1.0), 0, clock=first))
+    with pytest.raises(ClockChangedError):
+        await server.registry.submit(batch_of(steps_at(2.0), 1, **{"clock": first, **changed}))
+    without_boot = ClockReport(recorded=True)
+    await server.registry.submit(batch_of(steps_at(2.0), 1, clock=without_boot))
+
+
+async def test_an_unknown_site_is_refused_before_anything_is_logged() -> None:
+    server = Server()
+    with pytest.raises(UnknownSiteError):
+        await server.registry.submit(batch_of(steps_at(1.0), site_id="nowhere"))
+    assert server.log.sessions == {}
+
+
+async def test_the_clock_is_frozen_by_the_first_batch() -> None:
+    server = Server()
+    first = ClockReport(sent_s=START_S - 100, mono_s=50.0)
+    late = ClockReport(sent_s=START_S - 7, mono_s=0.0)
+    observed = steps_at(-100.5)
+    await server.registry.submit(batch_of(observed, 0, clock=first))
+    reply = await server.registry.submit(batch_of(steps_at(-99.0), 1, clock=late))
+    assert reply.output is not None
+    assert reply.output.time_s == START_S + 1.0
+
+
+async def test_a_silent_session_sleeps_in_its_snapshot_and_wakes_without_refolding() -> None:
+    server = Server()
+    walk = steps_at(*range(100), 100.5)
+    await server.registry.submit(batch_of(walk[:60], 0))
+    server.clock.time_s += server.limits.evict_s
+    await server.registry.sweep()
+    assert server.registry.pending_points("phone") == {}
+    (read_since,) = await _reads_of(server, batch_of(walk[60:], 1))
+    assert read_since is not None
+    assert read_since > START_S + 50
+    await server.run_idle()
+    assert server.track() == straight_track(walk, ChainFold())
+    assert server.log.reads == 1
+
+
+async def _reads_of(server: Server, batch: object) -> list[float | None]:
+    reads: list[float | None] = []
+    read = server.log.read
+
+    async def watch(session_id: str, since_s: float | None = None) -> object:
+        reads.append(since_s)
+        return await read(session_id, since_s)
+
+    server.log.read = watch  # type: ignore[assignment, method-assign]
+    await server.registry.submit(batch)  # type: ignore[arg-type]
+    server.log.read = read  # type: ignore[method-assign]
+    return reads
+
+
+async def test_too_many_sessions_send_the_longest_silent_to_sleep() -> None:
+    server = Server(SessionLimits(max_sessions=2))
+    for i in range(4):
+        server.clock.time_s += 1
+        await server.registry.submit(batch_of(steps_at(1.0), device_id=f"phone-{i}"))
+    await server.registry.sweep()
+    awake = [i for i in range(4) if server.registry.pending_points(f"phone-{i}")]
+    assert awake == [2, 3]
+
+
+async def test_unfinished_sessions_of_an_earlier_process_are_finished_when_idle() -> None:
+    server = Server()
+    walk = steps_at(*range(10), 10.5)
+    await server.registry.submit(batch_of(walk))
+    await server.kill(written=0)
+    await server.registry.sweep()
+    assert not server.log.sessions["phone", "walk"].finished
+    await server.run_idle()
+    assert server.log.sessions["phone", "walk"].finished
+    assert server.track() == straight_track(walk, ChainFold())
+
+
+async def test_a_phone_that_comes_back_to_a_finished_session_opens_it_again() -> None:
+    server = Server()
+    walk = steps_at(*range(10), 10.5, *range(600, 610), 610.25, 4.5)
+    await server.registry.submit(batch_of(walk[:11], 0))
+    await server.run_idle()
+    assert server.log.sessions["phone", "walk"].finished
+    await server.registry.submit(batch_of(walk[11:], 1))
+    assert not server.log.sessions["phone", "walk"].finished
+    await server.kill(written=1)
+    await server.run_idle()
+    assert server.log.sessions["phone", "walk"].finished
+    assert server.track() == straight_track(walk, ChainFold())
+
+
+async def test_a_session_finished_long_ago_stays_finished() -> None:
+    server = Server()
+    await server.registry.submit(batch_of(steps_at(*range(10)), 0))
+    await server.run_idle()
+    stored = server.track()
+    later_s = START_S + server.limits.reopen_s + 1
+    with pytest.raises(SessionOverError):
+        await server.registry.submit(batch_of(steps_at(600), 1, received_s=later_s))
+    assert server.log.sessions["phone", "walk"].finished
+    assert server.track() == stored
+
+
+async def test_a_finish_that_fails_leaves_no_stale_end_point() -> None:
+    server = Server()
+    walk = steps_at(*range(10), 10.5, 11.25)
+    await server.registry.submit(batch_of(walk[:11], 0))
+    finish = server.log.finish_session
+
+    async def refuse(session_id: str) -> None:
+        raise LogUnavailableError(session_id)
+
+    server.log.finish_session = refuse  # type: ignore[method-assign]
+    await server.run_idle()
+    assert server.track()[-1].time_s == START_S + 10.5
+    server.log.finish_session = finish  # type: ignore[method-assign]
+    await server.registry.submit(batch_of(walk[11:], 1))
+    await server.run_idle()
+    assert server.track() == straight_track(walk, ChainFold())
+
+
+async def test_a_closed_registry_has_stored_everything() -> None:
+    server = Server()
+    walk = steps_at(*range(20), 20.5)
+    await server.registry.submit(batch_of(walk))
+    await server.registry.close()
+    assert server.history.queue == []
+    assert len(server.history.snapshots) == 1
+    await server.kill(written=0)
+    await server.run_idle()
+    assert server.track() == straight_track(walk, ChainFold())
+
+
+async def test_trouble_with_history_does_not_stop_the_phone(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    server = Server()
+    walk = steps_at(*range(100), 100.5)
+    server.history.refusing = True
+    for seq, observation in enumerate(walk):
+        reply = await server.registry.submit(batch_of([observation], seq))
+        assert reply.output is not None
+    await server.run_idle()
+    assert "device phone" in caplog.text
+    assert not server.log.sessions["phone", "walk"].finished
+    server.history.refusing = False
+    await server.run_idle()
+    assert server.track() == straight_track(walk, ChainFold())
+
+
+async def test_a_fold_that_fails_starts_from_the_log_again() -> None:
+    server = Server()
+    walk = steps_at(*range(10), 10.5)
+    await server.registry.submit(batch_of(walk[:4], 0))
+    fold = server.registry._ports.fold
+    advance = fold.advance
+
+    def fail_at_six(state: object, observation: object, *world: object) -> object:
+        if observation.time_s == START_S + 6:  # type: ignore[attr-defined]
+            raise ProcessDiedError
+        return advance(state, observation, *world)  # type: ignore[arg-type]
+
+    fold.advance = fail_at_six  # type: ignore[method-assign, assignment]
+    with pytest.raises(ProcessDiedError):
+        await server.registry.submit(batch_of(walk[4:], 1))
+    fold.advance = advance  # type: ignore[method-assign]
+    reply = await server.registry.submit(batch_of(walk[4:], 1))
+    assert reply.duplicate
+    await server.run_idle()
+    assert server.track() == straight_track(walk, ChainFold())
+
+
+async def test_a_site_that_goes_away_takes_its_sessions_along() -> None:
+    server = Server()
+    await server.registry.submit(batch_of(steps_at(1.0)))
+    server.sites.site = None
+    await server.registry.settle("phone")
+    assert server.registry.pending_points("phone") == {}
+    await server.run_idle()
+    with pytest.raises(UnknownSiteError):
+        await server.registry.submit(batch_of(steps_at(2.0), 1))
+
+
+async def test_two_sessions_of_a_phone_have_two_tracks() -> None:
+    server = Server()
+    first, second = steps_at(1.0, 2.5), steps_at(31.0, 33.5)
+    await server.registry.submit(batch_of(first, 0, session="first"))
+    await server.registry.submit(batch_of(second, 0, session="second"))
+    await server.run_idle()
+    assert server.track("first") == straight_track(first, ChainFold())
+    assert server.track("second") == straight_track(second, ChainFold())
+
+
+async def test_listeners_see_what_the_reply_says() -> None:
+    server = Server()
+    async with server.hub.subscribe([Topic.FIXES]) as subscription:
+        reply = await server.registry.submit(batch_of(steps_at(1.0, 2.5)))
+        frames = await subscription.next_frames()
+        assert [live.output for live in frames.outputs] == [reply.output]
+        await server.registry.submit(batch_of(steps_at(1.0, 2.5)))
+        waiting = asyncio.create_task(subscription.next_frames())
+        await _run_until_blocked()
+        assert not waiting.done(), "a duplicate is no news"
+        waiting.cancel()
+
+
+async def test_absence_is_published_too() -> None:
+    server = Server()
+    async with server.hub.subscribe([Topic.FIXES]) as subscription:
+        outputs = []
+        for seq, observation in enumerate(steps_at(*range(30))):
+            await server.registry.submit(batch_of([observation], seq))
+            outputs += [live.output for live in (await subscription.next_frames()).outputs]
+    assert len(outputs) == 30
+    assert any(isinstance(output, NoFix) for output in outputs)
