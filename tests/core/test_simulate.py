@@ -43,7 +43,8 @@ def test_observations_come_in_the_order_of_the_fold(walks: list[SimulatedWalk]) 
 
 
 def test_walkers_never_pass_racks_or_walls(world: Warehouse, walks: list[SimulatedWalk]) -> None:
-    for one in walks:
+    later = [walk(world, seed, START_S, 200.0, after=one) for seed, one in enumerate(walks)]
+    for one in (*walks, *later):
         truth = one.truth
         for x_m, y_m, floor in zip(truth.x_m, truth.y_m, truth.floor_index, strict=True):
             walkable = world.site.floors[floor].walkable
@@ -206,7 +207,8 @@ def test_a_walk_goes_on_where_the_one_before_ended(world: Warehouse) -> None:
     first = walk(world, 1, START_S, 60.0)
     second = walk(world, 1, START_S + 60.0, 60.0, after=first)
     end, begin = first.truth_at(START_S + 60.0), second.truth_at(START_S + 60.0)
-    assert np.hypot(end.x_m - begin.x_m, end.y_m - begin.y_m) < 4.0
+    # Half a metre each of swaying.
+    assert np.hypot(end.x_m - begin.x_m, end.y_m - begin.y_m) < 1.0
     assert second.phone == first.phone
     assert second.truth.x_m.tobytes() != first.truth.x_m.tobytes()
 

@@ -168,6 +168,11 @@ class _Timeline:
     def end_s(self) -> float:
         return self.knots[-1][0]
 
+    @property
+    def place(self) -> Place:
+        _, x_m, y_m, storey, _ = self.knots[-1]
+        return Place(round(storey), x_m, y_m)
+
     def rest(self, duration_s: float) -> None:
         time_s, *where = self.knots[-1]
         self.knots.append((time_s + duration_s, *where))
@@ -196,7 +201,8 @@ def plan_walk(
     any_graph = graphs[ConnectorKind.STAIRS]
     here = int(rng.integers(len(any_graph.places))) if begin is None else any_graph.nearest(begin)
     pace_mps = float(np.clip(rng.normal(PACE_MPS, PACE_SPREAD_MPS), 0.9, 1.5))
-    timeline = _Timeline(any_graph.places[here], start_s)
+    timeline = _Timeline(begin or any_graph.places[here], start_s)
+    _go(timeline, timeline.place, any_graph.places[here], pace_mps, rng)
     while timeline.end_s < start_s + duration_s:
         stairs = rng.random() < STAIRS_SHARE
         graph = graphs[ConnectorKind.STAIRS if stairs else ConnectorKind.LIFT]
