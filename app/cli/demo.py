@@ -1,0 +1,201 @@
+"""``pharos demo``: the simulated warehouse, a server, and phones that walk through it."""
+
+import asyncio
+import signal
+import socket
+import tempfile
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated
+
+import typer
+import uvicorn
+from rich.console import Console
+from sqlalchemy import Connection
+
+from app.cli.demo_phones import DEVICE_PREFIX, Fleet
+from app.cli.errors import CommandError
+from app.cli.local import CLOCK, settings_with
+from app.config import Settings
+from app.core import engine
+from app.core.params import Params
+from app.core.simulate import Warehouse, walk, warehouse
+from app.main import create_app
+from app.services.access import Role
+from app.services.demo import install_warehouse
+from app.services.tokens import hash_token, new_token
+from app.storage.database import Database
+from app.storage.migrate import upgrade
+from app.storage.tokens import StoredToken, create_token
+
+SEED = 1
+USUAL_PORT = 8000
+START_LIMIT_S = 60.0
+WARM_UP_S = 20.0
+
+
+@dataclass(frozen=True, slots=True)
+class DemoTokens:
+    """Secrets of one demo: the dashboard's and the phones'."""
+
+    dashboard: str
+    phones: str
+
+
+def demo(
+    port: Annotated[
+        int | None, typer.Option(help="Port to listen on; default: 8000, or any free one.")
+    ] = None,
+    phones: Annotated[int, typer.Option(min=1, max=500, help="How many phones walk.")] = 30,
+    folder: Annotated[
+        Path | None, typer.Option(help="Keep the database here; default: a temporary folder.")
+    ] = None,
+    speed: Annotated[
+        float, typer.Option(min=0.1, max=20.0, help="How much faster than real time they walk.")
+    ] = 1.0,
+    seconds: Annotated[
+        float | None, typer.Option(min=0.0, help="Stop by itself after this long.")
+    ] = None,
+) -> None:
+    """Show people moving in a simulated warehouse; Ctrl-C stops it."""
+    console = Console()
+    # A plain `kill` stops it as cleanly as Ctrl-C does.
+    signal.signal(signal.SIGTERM, lambda *_: signal.raise_signal(signal.SIGINT))
+    try:
+        with (
+            _database_folder(folder) as where,
+            _listening_socket(port) as listening,
+            console.status("Laying out the warehouse ...") as status,
+        ):
+            settings = settings_with(
+                database_url=f"sqlite:///{where / 'pharos.db'}", port=listening.getsockname()[1]
+            )
+            world = warehouse(SEED)
+            tokens = asyncio.run(_fill(settings.database_url, world, role_of_phones(speed)))
+            status.update("Compiling the engine (the first time takes longer) ...")
+            _warm_up(world)
+            status.update("Starting the server ...")
+            with _serving(settings, listening) as url:
+                fleet = Fleet(url, tokens.phones, world, CLOCK, phones, speed)
+                console.print(f"Database  {where}", soft_wrap=True, highlight=False)
+                link = f"{url}/#token={tokens.dashboard}"
+                console.print(f"Dashboard {link}", soft_wrap=True, highlight=False)
+                status.update(f"{phones} phones are walking; Ctrl-C stops the demo")
+                asyncio.run(_walk(fleet, seconds))
+    except KeyboardInterrupt:
+        pass
+    console.print("Stopped.")
+
+
+def role_of_phones(speed: float) -> Role:
+    """Return the role that phones need: only surveyors may post at another pace than life."""
+    return Role.DEVICE if speed == 1.0 else Role.SURVEYOR
+
+
+@contextmanager
+def _database_folder(folder: Path | None) -> Iterator[Path]:
+    """Yield a folder without a database: the given one, or a temporary one that goes in the end."""
+    if folder is None:
+        with tempfile.TemporaryDirectory(prefix="pharos-demo-") as temporary:
+            yield Path(temporary)
+        return
+    if (folder / "pharos.db").exists():
+        msg = f"{folder} has a database already; the demo starts with a fresh one"
+        raise CommandError(msg, 2)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        msg = f"{folder} cannot be made: {error.strerror}"
+        raise CommandError(msg) from error
+    yield folder.resolve()
+
+
+@contextmanager
+def _listening_socket(port: int | None) -> Iterator[socket.socket]:
+    """Yield a bound socket: on the port asked for, else on the usual one, else on any."""
+    wanted = (USUAL_PORT, 0) if port is None else (port,)
+    for candidate in wanted:
+        listening = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            listening.bind(("127.0.0.1", candidate))
+        except OSError:
+            listening.close()
+            continue
+        with listening:
+            yield listening
+        return
+    msg = f"port {port} is taken"
+    raise CommandError(msg)
+
+
+async def _fill(database_url: str, world: Warehouse, role: Role) -> DemoTokens:
+    """Put the warehouse and two tokens into a fresh database."""
+    upgrade(database_url)
+    database = Database(database_url)
+    tokens = DemoTokens(new_token(), new_token())
+    dashboard = _stored(tokens.dashboard, "Demo dashboard", Role.ADMIN)
+    phones = _stored(tokens.phones, "Demo phones", role)
+    if role is Role.DEVICE:
+        phones = replace(phones, device_prefix=DEVICE_PREFIX)
+
+    def store_tokens(connection: Connection) -> None:
+        create_token(connection, dashboard)
+        create_token(connection, phones)
+
+    try:
+        await install_warehouse(database, world, CLOCK.now_s())
+        await database.write(store_tokens)
+    finally:
+        await database.close()
+    return tokens
+
+
+def _stored(secret: str, name: str, role: Role) -> StoredToken:
+    token_hash = hash_token(secret)
+    token_id = f"tok-{token_hash.hex()[:12]}"
+    return StoredToken(token_id, name, token_hash, role, CLOCK.now_s())
+
+
+def _warm_up(world: Warehouse) -> None:
+    """Fold a short walk, so that all kernels are compiled before the first phone posts."""
+    state = engine.start()
+    for observation in walk(world, seed=0, start_s=0.0, duration_s=WARM_UP_S).observations:
+        state, _ = engine.advance(state, observation, world.site, Params())
+
+
+@contextmanager
+def _serving(settings: Settings, listening: socket.socket) -> Iterator[str]:
+    """Run the real server in a thread of its own, and stop it in the end."""
+    config = uvicorn.Config(
+        create_app(settings),
+        log_level="warning",
+        access_log=False,
+        timeout_graceful_shutdown=1,
+    )
+    server = uvicorn.Server(config)
+    thread = threading.Thread(target=server.run, args=([listening],), name="server", daemon=True)
+    thread.start()
+    deadline_s = time.monotonic() + START_LIMIT_S
+    while not server.started:
+        if not thread.is_alive() or time.monotonic() > deadline_s:
+            msg = "the server did not start; its log above says why"
+            raise CommandError(msg)
+        time.sleep(0.02)
+    try:
+        yield f"http://127.0.0.1:{listening.getsockname()[1]}"
+    finally:
+        server.should_exit = True
+        thread.join(timeout=5.0)
+
+
+async def _walk(fleet: Fleet, seconds: float | None) -> None:
+    try:
+        async with asyncio.timeout(seconds):
+            await fleet.run()
+    except TimeoutError:
+        return
