@@ -5,7 +5,6 @@ from collections.abc import AsyncIterator
 import pytest
 from sqlalchemy import insert
 
-from app.core.session import SessionClock, SessionRecord
 from app.storage.database import Database
 from app.storage.tables import FLOORS, SITES
 
@@ -27,17 +26,3 @@ async def site(database: Database) -> str:
     await database.write(lambda c: c.execute(insert(SITES), SITE).close())
     await database.write(lambda c: c.execute(insert(FLOORS), floors).close())
     return "site-1"
-
-
-def session_record(
-    session_id: str = "s-1", device_id: str = "phone-1", opened_s: float = 100.0
-) -> SessionRecord:
-    return SessionRecord(
-        session_id=session_id,
-        device_id=device_id,
-        session=f"run of {session_id}",
-        site_id="site-1",
-        profile="best",
-        clock=SessionClock(recorded=True, offset_s=-0.1, mono_to_wall_s=1e9 / 3, boot_id="b"),
-        opened_s=opened_s,
-    )
