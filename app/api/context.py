@@ -5,9 +5,12 @@ from typing import cast
 
 from starlette.requests import HTTPConnection
 
+from app.services.ingest import IngestService
 from app.services.site import SiteDirectory
 from app.services.tokens import Authenticator
+from app.sessions.hub import Hub
 from app.sessions.ports import Clock
+from app.sessions.registry import SessionRegistry
 from app.storage.database import Database
 
 
@@ -27,6 +30,9 @@ class ApiContext:
     clock: Clock
     database: Database
     directory: SiteDirectory
+    registry: SessionRegistry
+    hub: Hub
+    ingest: IngestService
     authenticator: Authenticator
     limits: ApiLimits
     cors_origins: tuple[str, ...]

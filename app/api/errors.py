@@ -35,6 +35,7 @@ STATUS: dict[ErrorCode, int] = {
     ErrorCode.IN_USE: 409,
     ErrorCode.SEQ_CONFLICT: 409,
     ErrorCode.CLOCK_CHANGED: 409,
+    ErrorCode.SESSION_OVER: 409,
     ErrorCode.ETAG_MISMATCH: 412,
     ErrorCode.BODY_TOO_LARGE: 413,
     ErrorCode.MEDIA_TYPE_UNSUPPORTED: 415,

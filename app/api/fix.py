@@ -23,7 +23,7 @@ def heading_deg_of(heading_rad: float | None) -> float | None:
     return round(math.degrees(wrap_angle(math.pi / 2.0 - heading_rad)) % 360.0, 2) % 360.0
 
 
-def fix_json(device_id: str, site_id: str, point: TrackPoint) -> Json:
+def fix_json(device_id: str | None, site_id: str, point: TrackPoint) -> Json:
     """Return the JSON of a track point; ``age_s`` is as of the point's own time."""
     xx, xy, yy = point.covariance_m2
     return {
@@ -51,7 +51,7 @@ def fix_json(device_id: str, site_id: str, point: TrackPoint) -> Json:
     }
 
 
-def output_json(device_id: str, site_id: str, output: Output | None) -> Json:
+def output_json(device_id: str | None, site_id: str, output: Output | None) -> Json:
     """Return ``{"fix": ...}``, and beside an absent fix ``{"no_fix": {"reason": ...}}``."""
     if isinstance(output, TrackPoint):
         return {"fix": fix_json(device_id, site_id, output)}
@@ -61,3 +61,15 @@ def output_json(device_id: str, site_id: str, output: Output | None) -> Json:
             "no_fix": {"reason": output.reason.value, "time": iso_time(output.time_s)},
         }
     return {"fix": None, "no_fix": {"reason": "nothing_observed", "time": None}}
+
+
+def report_json(device_id: str, site_id: str, output: Output) -> Json:
+    """Return what live streams tell of a device: its fix, or why it has none."""
+    if isinstance(output, TrackPoint):
+        return fix_json(device_id, site_id, output)
+    return {
+        "device_id": device_id,
+        "time": iso_time(output.time_s),
+        "site_id": site_id,
+        "no_fix": {"reason": output.reason.value},
+    }

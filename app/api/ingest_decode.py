@@ -15,7 +15,7 @@ from app.core.session import Rejection
 from app.services.errors import AppError, ErrorCode, FieldError
 from app.sessions.batch import IncomingRecord
 
-Body = TypeVar("Body", bound=Struct)
+Body = TypeVar("Body")
 
 _PATH_PART = re.compile(r"\.([^.\[]+)|\[(\d+)\]")
 
@@ -44,7 +44,7 @@ class DecodedRecords:
     digest: bytes
 
 
-def decode_body(body: bytes, model: type[Body]) -> Body:
+def decode_body(body: bytes, decoder: msgspec.json.Decoder[Body]) -> Body:
     """Return the envelope of a body; records stay raw.
 
     Raises
@@ -54,7 +54,7 @@ def decode_body(body: bytes, model: type[Body]) -> Body:
     """
     try:
         body.decode()
-        return msgspec.json.decode(body, type=model)
+        return decoder.decode(body)
     except msgspec.ValidationError as error:
         _, pointer, detail = _explain(error)
         raise AppError(
@@ -99,6 +99,16 @@ def _judge(
     except Refusal as refusal:
         pointer = f"#/records/{index}{refusal.pointer}"
         return Rejection(index, refusal.code, pointer, str(refusal))
+
+
+def rejection_json(rejection: Rejection) -> dict[str, str | int]:
+    """Return what the reply says of a record that was not taken."""
+    return {
+        "i": rejection.index,
+        "code": str(rejection.code),
+        "pointer": rejection.pointer or f"#/records/{rejection.index}",
+        "detail": rejection.detail,
+    }
 
 
 def _check_role(record: Record, *, may_state_truth: bool) -> None:

@@ -13,6 +13,9 @@ MAX_SAMPLES = 2000
 MAX_READINGS = 1000
 
 Name: TypeAlias = Annotated[str, Meta(min_length=1, max_length=64, pattern=r"^[\x21-\x7e]+$")]
+PhoneName: TypeAlias = Annotated[
+    str, Meta(min_length=1, max_length=64, pattern=r"^[A-Za-z0-9][A-Za-z0-9._:@+-]*$")
+]
 ShortText: TypeAlias = Annotated[str, Meta(max_length=100)]
 ClockMs: TypeAlias = Annotated[
     float,
@@ -168,10 +171,10 @@ RECORD_TYPES: dict[str, type[Record]] = {
 }
 
 
-class Device(Struct):
+class Phone(Struct):
     """The phone."""
 
-    id: Name
+    id: PhoneName
     platform: Literal["android", "ios", "other"] = "other"
     model: ShortText = ""
     app: ShortText = ""
@@ -192,8 +195,8 @@ class PhoneClock(Struct):
 class Batch(Struct):
     """One ingest batch; immutable under (device, session, seq)."""
 
-    device: Device
-    session: Name
+    device: Phone
+    session: PhoneName
     seq: Annotated[int, Meta(ge=0, le=2**53 - 1)]
     records: Annotated[list[Raw], Meta(max_length=MAX_RECORDS)]
     clock: PhoneClock = field(default_factory=PhoneClock)

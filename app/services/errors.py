@@ -27,6 +27,7 @@ class ErrorCode(StrEnum):
     IN_USE = "in_use"
     SEQ_CONFLICT = "seq_conflict"
     CLOCK_CHANGED = "clock_changed"
+    SESSION_OVER = "session_over"
     ETAG_MISMATCH = "etag_mismatch"
     BODY_TOO_LARGE = "body_too_large"
     MEDIA_TYPE_UNSUPPORTED = "media_type_unsupported"

@@ -3,12 +3,12 @@
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
-from typing import Protocol
+from dataclasses import dataclass, replace
 
 from app.core.session import LogUnavailableError, Rejection
 from app.services.access import Principal, Role
 from app.services.errors import AppError, ErrorCode, invalid_field
+from app.services.site_choice import Sites, choose_params, choose_site
 from app.sessions.batch import (
     BatchConflictError,
     ClockChangedError,
@@ -16,10 +16,12 @@ from app.sessions.batch import (
     IncomingBatch,
     IncomingRecord,
     MailboxFullError,
+    SessionOverError,
     Submitted,
     UnknownSiteError,
 )
-from app.sessions.ports import Clock, SiteSource
+from app.sessions.hub import Hub, Topic
+from app.sessions.ports import Clock
 from app.sessions.registry import SessionRegistry
 from app.storage.database import Database, DatabaseUnavailableError
 from app.storage.devices import StoredDevice, get_device
@@ -31,18 +33,6 @@ _REMEMBER_S = 60.0
 _MAX_REMEMBERED = 50_000
 # A log that cannot be written has been waited for already; a phone keeps a day of batches.
 _RETRY_AFTER_S = 5
-
-
-class Sites(SiteSource, Protocol):
-    """What ingest needs to know of the sites."""
-
-    def site_ids(self) -> tuple[str, ...]:
-        """Return the ids of all sites."""
-        ...
-
-    def default_profile(self, site_id: str) -> str:
-        """Return the profile of sessions that name none."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,9 +65,10 @@ class IngestService:
     """Hands uploads to the live sessions."""
 
     def __init__(
-        self, registry: SessionRegistry, sites: Sites, database: Database, clock: Clock
+        self, registry: SessionRegistry, hub: Hub, sites: Sites, database: Database, clock: Clock
     ) -> None:
         self._registry = registry
+        self._hub = hub
         self._sites = sites
         self._database = database
         self._clock = clock
@@ -94,15 +85,16 @@ class IngestService:
         _check_rights(principal, upload)
         with _refusals(upload):
             device = await self._device(upload.device_id)
-            site_id = self._site_of(principal, upload, device)
+            site = choose_site(self._sites, principal, upload.site_id, device.site_id)
+            params = choose_params(self._sites, site.site_id, upload.profile, device.profile)
             now_s = self._clock.now_s()
             batch = IncomingBatch(
                 device_id=upload.device_id,
                 session=upload.session,
                 seq=upload.seq,
                 digest=upload.digest,
-                site_id=site_id,
-                profile=upload.profile or device.profile or self._sites.default_profile(site_id),
+                site_id=site.site_id,
+                profile=params.profile,
                 received_s=now_s,
                 clock=upload.clock,
                 records=upload.records,
@@ -110,8 +102,8 @@ class IngestService:
                 ignored=upload.ignored,
             )
             submitted = await self._registry.submit(batch)
-            self._note_sighting(upload, device, site_id, now_s)
-            return site_id, submitted
+            self._note_sighting(upload, device, site.site_id, now_s)
+            return site.site_id, submitted
 
     async def _device(self, device_id: str) -> StoredDevice:
         remembered = self._remembered.get(device_id)
@@ -119,27 +111,6 @@ class IngestService:
             return remembered.device
         stored = await self._database.read(lambda connection: get_device(connection, device_id))
         return stored or StoredDevice(device_id)
-
-    def _site_of(self, principal: Principal, upload: Upload, device: StoredDevice) -> str:
-        if upload.site_id is not None:
-            site_id: str | None = upload.site_id
-        elif device.site_id is not None and principal.covers_site(device.site_id):
-            site_id = device.site_id
-        else:
-            site_id = principal.site_id or self._only_site()
-        if site_id is None:
-            raise AppError(
-                ErrorCode.SITE_REQUIRED, "say the site: the server has not exactly one of them"
-            )
-        if not principal.covers_site(site_id):
-            raise AppError(ErrorCode.SITE_FORBIDDEN, f"the token is not for site {site_id!r}")
-        if self._sites.current(site_id) is None:
-            raise UnknownSiteError(site_id)
-        return site_id
-
-    def _only_site(self) -> str | None:
-        site_ids = self._sites.site_ids()
-        return site_ids[0] if len(site_ids) == 1 else None
 
     def _note_sighting(
         self, upload: Upload, device: StoredDevice, site_id: str, now_s: float
@@ -149,9 +120,12 @@ class IngestService:
             return
         sighting = Sighting(upload.device_id, site_id, upload.platform, upload.model, now_s)
         self._database.submit(lambda connection: record_sighting(connection, sighting))
+        if device.first_seen_s is None:
+            content = {"event": "enrolled", "device_id": upload.device_id, "site_id": site_id}
+            self._hub.publish_event(Topic.DEVICES, content, site_id, upload.device_id)
         if len(self._remembered) >= _MAX_REMEMBERED:
             self._remembered.clear()
-        seen = StoredDevice(upload.device_id, site_id, profile=device.profile)
+        seen = replace(device, site_id=site_id, first_seen_s=device.first_seen_s or now_s)
         self._remembered[upload.device_id] = _Remembered(now_s + _REMEMBER_S, seen)
 
 
@@ -184,6 +158,10 @@ def _refusals(upload: Upload) -> Iterator[None]:
     except BatchConflictError as error:
         raise AppError(
             ErrorCode.SEQ_CONFLICT, f"seq {upload.seq} was taken by other records"
+        ) from error
+    except SessionOverError as error:
+        raise AppError(
+            ErrorCode.SESSION_OVER, "the session ended long ago; open a new session"
         ) from error
     except ClockChangedError as error:
         raise AppError(
