@@ -60,8 +60,8 @@ class Score:
         Of the horizontal errors; NaN without samples.
     floor_right_share
         Share of the samples on the right floor.
-    no_fix_share
-        Share of all seconds, measured or not, that got no position of their own.
+    no_fix, no_fix_share
+        Seconds, measured or not, that got no position of their own, and their share of all.
     """
 
     samples: int
@@ -69,6 +69,7 @@ class Score:
     median_error_m: float
     p95_error_m: float
     floor_right_share: float
+    no_fix: int
     no_fix_share: float
 
 
@@ -89,6 +90,7 @@ def score(seconds: Iterable[ScoredSecond]) -> Score:
     every = list(seconds)
     measured = [(s, s.error_m) for s in every if s.error_m is not None]
     errors_m = np.array([error_m for _, error_m in measured] or [math.nan], dtype=np.float64)
+    no_fix = sum(s.no_fix for s in every)
     right = sum(s.answer is not None and s.answer.floor_id == s.truth.floor_id for s in every)
     return Score(
         samples=len(measured),
@@ -96,5 +98,6 @@ def score(seconds: Iterable[ScoredSecond]) -> Score:
         median_error_m=float(np.median(errors_m)),
         p95_error_m=float(np.percentile(errors_m, 95.0)),
         floor_right_share=right / len(measured) if measured else math.nan,
-        no_fix_share=sum(s.no_fix for s in every) / len(every) if every else math.nan,
+        no_fix=no_fix,
+        no_fix_share=no_fix / len(every) if every else math.nan,
     )
