@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from postgres_server import running_postgres
+from server_process import ServerProcess
 from sqlalchemy import create_engine, text
 
 from app.storage import migrate
@@ -96,3 +97,12 @@ def storage_url(request: pytest.FixtureRequest) -> str:
     kind = "database_url" if request.param == "sqlite" else "postgres_url"
     url: str = request.getfixturevalue(kind)
     return url
+
+
+@pytest.fixture
+def live_server(database_url: str, tmp_path: Path) -> Iterator[ServerProcess]:
+    """Return a real server over a fresh database, started; it can be killed and started again."""
+    server = ServerProcess(database_url, tmp_path / "server.log")
+    server.start()
+    yield server
+    server.kill()
