@@ -1,4 +1,4 @@
-"""A real server in a process of its own on a port of this machine; it can be killed and restarted."""
+"""A real server in a process of its own on a free port; it can be killed and started again."""
 
 import os
 import socket
