@@ -5,14 +5,12 @@ and holds on to a batch until the server has acknowledged it.
 """
 
 import asyncio
-import gzip
 import uuid
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
-import httpx
-
 from app.cli.errors import CommandError
+from app.cli.phone_client import PhoneClient
 from app.core.simulate import SimulatedWalk, Warehouse, walk
 from app.core.types import Observation
 from app.formats.ingest_body import ingest_body
@@ -23,16 +21,14 @@ BATCH_S = 1.0
 # Walks are made in pieces, so that a phone never waits long for the next one to be computed.
 WALK_S = 180.0
 CONNECTIONS = 8
-RETRY_S = 1.0
 
 
 @dataclass(slots=True)
 class Tally:
-    """What the phones have got from the server so far."""
+    """What was acknowledged so far, and how many of the replies held a fix."""
 
     batches: int = 0
     fixes: int = 0
-    retries: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,11 +51,7 @@ class Fleet:
 
     async def run(self) -> None:
         """Let all phones walk until cancelled; CommandError if the server refuses them."""
-        headers = {"Authorization": f"Bearer {self.token}"}
-        limits = httpx.Limits(max_connections=CONNECTIONS)
-        async with httpx.AsyncClient(
-            base_url=self.url, headers=headers, limits=limits, timeout=10.0, trust_env=False
-        ) as client:
+        async with PhoneClient(self.url, self.token, CONNECTIONS) as client:
             phones = [_Phone(self, client, number) for number in range(self.phones)]
             try:
                 async with asyncio.TaskGroup() as group:
@@ -67,13 +59,13 @@ class Fleet:
                         group.create_task(phone.walk())
             except* CommandError as refusals:
                 # All phones are refused for the same reason; one of them tells it.
-                raise _first(refusals) from None
+                raise refusals.exceptions[0] from None
 
 
 class _Phone:
     """One phone: its session, its walk, its unacknowledged batch."""
 
-    def __init__(self, fleet: Fleet, client: httpx.AsyncClient, number: int) -> None:
+    def __init__(self, fleet: Fleet, client: PhoneClient, number: int) -> None:
         self._fleet = fleet
         self._client = client
         self._number = number
@@ -107,23 +99,11 @@ class _Phone:
         await asyncio.sleep(max(0.0, due_s - self._fleet.clock.now_s()))
 
     async def _post(self, observations: list[Observation]) -> None:
-        """Post one batch, again and again until it is acknowledged."""
-        while True:
-            body = gzip.compress(ingest_body(self._header(), self._seq, observations), 1)
-            headers = {"Content-Type": "application/json", "Content-Encoding": "gzip"}
-            try:
-                reply = await self._client.post("/v1/ingest", content=body, headers=headers)
-            except httpx.TransportError:
-                wait_s = RETRY_S
-            else:
-                if reply.is_success:
-                    self._seq += 1
-                    self._fleet.tally.batches += 1
-                    self._fleet.tally.fixes += reply.json()["fix"] is not None
-                    return
-                wait_s = _retry_after_s(reply)
-            self._fleet.tally.retries += 1
-            await asyncio.sleep(wait_s)
+        """Post one batch until it is acknowledged."""
+        reply = await self._client.post_batch(ingest_body(self._header(), self._seq, observations))
+        self._seq += 1
+        self._fleet.tally.batches += 1
+        self._fleet.tally.fixes += reply["fix"] is not None
 
     def _header(self) -> dict[str, object]:
         recorded = {} if self._fleet.speed == 1.0 else {"mode": "recorded"}
@@ -147,18 +127,3 @@ def batches(piece: SimulatedWalk, start_s: float) -> Iterator[tuple[float, list[
         batch.append(observation)
     if batch:
         yield due_s, batch
-
-
-def _retry_after_s(reply: httpx.Response) -> float:
-    """Return how long to wait before the batch is sent again; other refusals are final."""
-    if reply.status_code not in (429, 503):
-        msg = f"the server refused a batch with {reply.status_code}: {reply.text[:300]}"
-        raise CommandError(msg)
-    return float(reply.headers.get("Retry-After", RETRY_S))
-
-
-def _first(group: BaseExceptionGroup[CommandError]) -> CommandError:
-    error: BaseException = group
-    while isinstance(error, BaseExceptionGroup):
-        error = error.exceptions[0]
-    return CommandError(str(error))
