@@ -101,6 +101,11 @@ class SqlObservationLog:
         finish = update(SESSIONS).where(SESSIONS.c.id == session_id).values(finished=True)
         await self._database.write(lambda c: c.execute(finish).close())
 
+    async def reopen_session(self, session_id: str) -> None:
+        """Mark the session unfinished: the phone came back and its track will change."""
+        reopen = update(SESSIONS).where(SESSIONS.c.id == session_id).values(finished=False)
+        await self._write(lambda c: c.execute(reopen).close())
+
     async def _write(self, statement: Callable[[Connection], T]) -> T:
         try:
             return await self._database.write(statement, self._limit_s)
