@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from app.core.engine.state import SessionState
-from app.core.fingerprint.matching import Matches, match
+from app.core.fingerprint.matching import match
 from app.core.fingerprint.query import Query, first_of, fresh_wifi_dbm, mean_ble_dbm, within
 from app.core.fusion.mixture import Noise, begin, update
 from app.core.lateration.windowed import Estimate, estimate
@@ -16,6 +16,7 @@ from app.core.radio.windows import Window, of_anchors
 from app.core.site import SiteModel
 from app.core.types import (
     BleScan,
+    Fix,
     FloatArray,
     IntArray,
     Method,
@@ -32,30 +33,48 @@ def match_fingerprints(
 ) -> SessionState:
     """Match what is heard with the radio map: candidates for the floor vote and the filter."""
     radio_map = site.radio_map
+    state = replace(state, wifi_s=scan.time_s)
     if radio_map is None:
         return state if site.anchors else _without(state, NoFixReason.NO_RADIO_MAP_OR_BEACONS)
     choose = first_of(radio_map.column_by_key)
     wifi_dbm = fresh_wifi_dbm(scan, params.match.max_age_s, choose)
+    if len(wifi_dbm) < params.match.min_readings and state.track is None:
+        # An old neighbourhood is better than none; the filter soon leaves it.
+        wifi_dbm = fresh_wifi_dbm(scan, params.match.first_max_age_s, choose)
     if len(wifi_dbm) < params.match.min_readings:
-        stale = len(scan.readings) >= params.match.min_readings
-        few = NoFixReason.TOO_FEW_TRANSMITTERS if wifi_dbm else NoFixReason.NOTHING_HEARD
-        return _without(state, NoFixReason.READINGS_TOO_OLD if stale else few)
+        return _without(state, _too_few(scan, params.match.min_readings))
     recent = within(state.heard, scan.time_s, params.match.ble_window_s)
     query = Query(wifi_dbm, mean_ble_dbm(recent, choose))
-    matches = match(query, radio_map, params.match)
-    if matches is None:
-        return _without(state, NoFixReason.UNKNOWN_TRANSMITTERS)
-    if matches.nearest_sorensen > params.match.max_sorensen:
-        return _without(state, NoFixReason.OUTSIDE_MAPPED_AREA)
-    return _take_matches(state, matches, scan.time_s, _heard(query), (site, params))
+    return _match(state, query, scan.time_s, site, params)
+
+
+def match_beacons(
+    state: SessionState, scan: BleScan, site: SiteModel, params: Params
+) -> SessionState:
+    """Match advertisements alone, for phones that cannot scan Wi-Fi (iPhones) or may not now.
+
+    Where the beacons' positions are registered lateration does it instead.
+    """
+    radio_map = site.radio_map
+    lately = state.wifi_s is not None and scan.time_s - state.wifi_s <= params.match.wifi_gap_s
+    if radio_map is None or lately or len(state.window):
+        return state
+    query = Query({}, mean_ble_dbm(state.heard, first_of(radio_map.column_by_key)))
+    if len(query.ble_dbm) < params.match.min_readings:
+        few = NoFixReason.TOO_FEW_TRANSMITTERS if query.ble_dbm else NoFixReason.NOTHING_HEARD
+        return _without(state, few)
+    return _match(state, query, scan.time_s, site, params)
 
 
 def laterate(state: SessionState, scan: BleScan, site: SiteModel, params: Params) -> SessionState:
     """Estimate the place from the window's levels, on the floor that the anchors vote for."""
+    if not site.anchors:
+        mapless = site.radio_map is None
+        return _without(state, NoFixReason.NO_RADIO_MAP_OR_BEACONS) if mapless else state
     if not len(state.window):
-        return state if site.anchors else _without(state, NoFixReason.NO_RADIO_MAP_OR_BEACONS)
-    votes = _anchor_votes(state, site)
-    belief = _believe(state, votes, scan.time_s, params)
+        unknown = NoFixReason.UNKNOWN_TRANSMITTERS if scan.readings else NoFixReason.NOTHING_HEARD
+        return _without(state, unknown) if site.radio_map is None else state
+    belief = _believe(state, _anchor_votes(state, site), scan.time_s, params)
     floor = int(np.argmax(belief))
     on_floor = np.array([site.floor_index(a.floor_id) == floor for a in site.anchors])
     model = level_model(site.anchors, params.lateration.phone_height_m)
@@ -64,16 +83,27 @@ def laterate(state: SessionState, scan: BleScan, site: SiteModel, params: Params
     found, state = _by_motion(state, window, model, scan.time_s, params)
     if isinstance(found, NoFix):
         return _without(state, found.reason)
-    fix = found.fix
-    widen = params.fusion.lateration_inflation
-    noise = (
-        widen * fix.covariance_m2[0] + params.fusion.lateration_floor_m2,
-        widen * fix.covariance_m2[1],
-        widen * fix.covariance_m2[2] + params.fusion.lateration_floor_m2,
-    )
-    places, weight = np.array([[fix.x_m, fix.y_m]]), np.ones(1)
-    state = _correct(state, (places, weight, noise), scan.time_s, Method.LATERATION, params)
-    return replace(state, used=replace(fix.used, steps=state.used.steps))
+    used = replace(found.fix.used, steps=state.used.steps)
+    seen = (np.array([[found.fix.x_m, found.fix.y_m]]), np.ones(1), _noise(found.fix, params))
+    state = _correct(state, seen, scan.time_s, Method.LATERATION, params)
+    return replace(state, used=used)
+
+
+def _too_few(scan: WifiScan, wanted: int) -> NoFixReason:
+    if not scan.readings:
+        return NoFixReason.NOTHING_HEARD
+    stale = len(scan.readings) >= wanted
+    return NoFixReason.READINGS_TOO_OLD if stale else NoFixReason.TOO_FEW_TRANSMITTERS
+
+
+def _noise(fix: Fix, params: Params) -> Noise:
+    """Return a lateration fix's covariance as the filter takes it.
+
+    Shadowing is fixed to the place, so successive windows err alike: their covariances are widened.
+    """
+    xx, xy, yy = (params.fusion.lateration_inflation * c for c in fix.covariance_m2)
+    floor_m2 = params.fusion.lateration_floor_m2
+    return xx + floor_m2, xy, yy + floor_m2
 
 
 def _by_motion(
@@ -93,21 +123,24 @@ def _by_motion(
     return estimate(window, model, time_s, kinematic=False, params=params.lateration), state
 
 
-def _take_matches(
-    state: SessionState,
-    matches: Matches,
-    time_s: float,
-    heard: Used,
-    world: tuple[SiteModel, Params],
+def _match(
+    state: SessionState, query: Query, time_s: float, site: SiteModel, params: Params
 ) -> SessionState:
-    site, params = world
+    if site.radio_map is None:
+        return _without(state, NoFixReason.NO_RADIO_MAP_OR_BEACONS)
+    matches = match(query, site.radio_map, params.match)
+    if matches is None:
+        return _without(state, NoFixReason.UNKNOWN_TRANSMITTERS)
+    if matches.nearest_sorensen > params.match.max_sorensen:
+        return _without(state, NoFixReason.OUTSIDE_MAPPED_AREA)
     votes = _sums(matches.floor_index, matches.weight, len(site.floors))
     belief = _believe(state, votes, time_s, params)
-    places = np.column_stack([matches.x_m, matches.y_m])
     variance = _match_variance_m2(matches.nearest_sorensen, params.fusion)
-    noise = (variance, 0.0, variance)
-    state = _correct(state, (places, matches.weight, noise), time_s, Method.FINGERPRINT, params)
-    return replace(state, floor_belief=belief, used=replace(heard, steps=state.used.steps))
+    places = np.column_stack([matches.x_m, matches.y_m])
+    seen = (places, matches.weight, (variance, 0.0, variance))
+    state = _correct(state, seen, time_s, Method.FINGERPRINT, params)
+    heard = Used(len(query.ble_dbm), len(query.wifi_dbm), state.used.steps)
+    return replace(state, floor_belief=belief, used=heard)
 
 
 def _correct(
@@ -161,10 +194,6 @@ def _anchor_votes(state: SessionState, site: SiteModel) -> FloatArray:
 
 def _sums(group: IntArray, value: FloatArray, groups: int) -> FloatArray:
     return np.bincount(group, value, groups).astype(np.float64)
-
-
-def _heard(query: Query) -> Used:
-    return Used(beacons=len(query.ble_dbm), access_points=len(query.wifi_dbm))
 
 
 def _without(state: SessionState, reason: NoFixReason) -> SessionState:

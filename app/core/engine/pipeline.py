@@ -5,7 +5,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, TypeAlias
 
-from app.core.engine.fixing import laterate, match_fingerprints
+from app.core.engine.fixing import laterate, match_beacons, match_fingerprints
 from app.core.engine.hearing import hear_beacons, slide_window
 from app.core.engine.order import event_time_s, order_key
 from app.core.engine.report import report
@@ -39,7 +39,7 @@ STAGES: dict[type, tuple[Stage, ...]] = {
     ImuBlock: (sense_motion, find_strides),
     Steps: (take_phone_steps,),
     Pedometer: (spread_pedometer,),
-    BleScan: (hear_beacons, slide_window, diffuse_unseen, laterate),
+    BleScan: (hear_beacons, slide_window, diffuse_unseen, match_beacons, laterate),
     WifiScan: (diffuse_unseen, match_fingerprints),
     Barometer: (),
     Truth: (),

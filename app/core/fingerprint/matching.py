@@ -37,7 +37,8 @@ class Matches:
     row, weight, floor_index, x_m, y_m : (k,)
         Rows of the map, their weights (sum 1) and places.
     nearest_sorensen
-        Wi-Fi Sørensen distance of the nearest row: how well the map knows what is heard (0 to 1).
+        Sørensen distance of the nearest row, on Wi-Fi (on BLE where no Wi-Fi was heard): how well
+        the map knows what is heard, 0 to 1.
     """
 
     row: IntArray
@@ -84,8 +85,8 @@ def match(query: Query, radio_map: RadioMap, params: MatchParams) -> Matches | N
 
     D = D1 + D2 + g D3 with, over transmitters t, query a and fingerprint b:
     D1 = 1 - 2 Σ min(a, b) / (Σ a + Σ b) (Wi-Fi), D2 = 1 - a·b / (|a| |b|) (Wi-Fi, other exponent),
-    D3 like D1 on BLE, g = ``ble_gain`` min(1, n_ble / 3). Transmitters the map does not know count
-    in Σ a and |a|. Weights are exp(-(D - D_min) / ``softness``), normalised.
+    D3 like D1 on BLE, g = ``ble_gain`` min(1, n_ble / 3); D = D3 where no Wi-Fi was heard.
+    Transmitters the map does not know count in Σ a and |a|. Weights are exp(-(D - D_min) / ``softness``), normalised.
     """
     index = match_index(radio_map, params)
     wifi = _Side.of(query.wifi_dbm, radio_map, params.wifi_floor_dbm, params.sorensen_exponent)
@@ -174,4 +175,6 @@ def _distances(
         total_ble = ble_total + share_sum[1, r]
         d_ble = 1.0 - 2.0 * common_ble[r] / total_ble if total_ble > 0.0 else 1.0
         distance[r] = sorensen[r] + cosine + ble_gain * d_ble
+        if wifi_total == 0.0:
+            distance[r] = sorensen[r] = d_ble
     return distance, sorensen
