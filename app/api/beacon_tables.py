@@ -4,11 +4,11 @@ import json
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Depends, Query, Request, Response
+from fastapi import APIRouter, Query, Request, Response
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel, ValidationError
 
-from app.api.auth import READERS, Principal, Role, check_site, require
+from app.api.auth import check_site
 from app.api.beacons import NewBeacon, beacon_view, stored_beacon
 from app.api.negotiation import best_type
 from app.api.resource import Admin, Context, Reader
@@ -21,8 +21,8 @@ from app.formats.beacons_csv import (
     write_beacons_csv,
 )
 from app.services import beacons as beacon_service
-from app.services.errors import AppError, ErrorCode, found
-from app.storage import beacons, sites
+from app.services.errors import AppError, ErrorCode
+from app.storage import beacons
 from app.storage.beacons import StoredBeacon
 
 router = APIRouter(prefix="/v1/beacons", tags=["beacons"])
@@ -30,7 +30,6 @@ router = APIRouter(prefix="/v1/beacons", tags=["beacons"])
 MAX_TABLE_BYTES = 20 << 20
 
 SiteParameter = Annotated[str, Query(description="Site of the table")]
-Listener = Annotated[Principal, Depends(require(*READERS, Role.DEVICE))]
 
 
 class RefusedRow(BaseModel):
@@ -109,18 +108,6 @@ async def export_beacons(
         return JSONResponse({"items": items})
     disposition = {"Content-Disposition": 'attachment; filename="beacons.csv"'}
     return Response(write_beacons_csv(items), media_type="text/csv", headers=disposition)
-
-
-@router.get("/uuids")
-async def list_uuids(
-    principal: Listener, context: Context, site_id: SiteParameter
-) -> dict[str, list[str]]:
-    """List the iBeacon UUIDs of a site: phones that range beacons must name them beforehand."""
-    check_site(principal, site_id)
-    found(await context.database.read(lambda c: sites.get_site(c, site_id)), "site", site_id)
-    stored = await context.database.read(lambda c: beacons.beacons_of_site(c, site_id))
-    keys = (key.split(":") for beacon in stored for key in beacon.keys)
-    return {"uuids": sorted({key[1] for key in keys if key[0] == "ibeacon"})}
 
 
 async def _rows(request: Request) -> list[BeaconRow]:

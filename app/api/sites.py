@@ -106,6 +106,7 @@ async def replace_site(
     stored = await site_service.edit_site(
         context.database, site_id, seen, lambda site: replace(site, **body.model_dump())
     )
+    await context.directory.refresh()
     return tagged(response, stored.row_version, _view(stored))
 
 
@@ -125,6 +126,7 @@ async def patch_site(
         return replace(site, **patched(SiteFields(**_fields(site)), patch).model_dump())
 
     stored = await site_service.edit_site(context.database, site_id, seen, edit)
+    await context.directory.refresh()
     return tagged(response, stored.row_version, _view(stored))
 
 
