@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from app.core.types import FloatArray
+from app.core.types import BoolArray, FloatArray
 
 
 def wrap_angle(angle_rad: float) -> float:
@@ -37,3 +37,42 @@ class Walkable:
         column = min(max(round((x_m - self.x0_m) / self.cell_m), 0), columns - 1)
         row = min(max(round((y_m - self.y0_m) / self.cell_m), 0), rows - 1)
         return float(self.distance_m[row, column])
+
+
+def simplify_line(xy_m: FloatArray, tolerance_m: float) -> BoolArray:
+    """Return which points of a line to keep so that it moves by at most ``tolerance_m``.
+
+    Douglas and Peucker (1973): the point farthest from the chord of a stretch is kept while it is
+    farther than the tolerance, and splits the stretch.
+
+    Parameters
+    ----------
+    xy_m : (n, 2), n >= 1
+
+    Returns
+    -------
+    keep : (n,)
+    """
+    keep = np.zeros(len(xy_m), dtype=np.bool_)
+    keep[[0, -1]] = True
+    stretches = [(0, len(xy_m) - 1)]
+    while stretches:
+        first, last = stretches.pop()
+        if last - first < 2:
+            continue
+        distance_m = _distance_to_chord_m(xy_m[first + 1 : last], xy_m[first], xy_m[last])
+        farthest = int(np.argmax(distance_m))
+        if distance_m[farthest] > tolerance_m:
+            middle = first + 1 + farthest
+            keep[middle] = True
+            stretches += [(first, middle), (middle, last)]
+    return keep
+
+
+def _distance_to_chord_m(xy_m: FloatArray, start_m: FloatArray, end_m: FloatArray) -> FloatArray:
+    chord_m = end_m - start_m
+    length2_m2 = float(chord_m @ chord_m)
+    along = (xy_m - start_m) @ chord_m / length2_m2 if length2_m2 > 0 else np.zeros(len(xy_m))
+    nearest_m = start_m + np.clip(along, 0.0, 1.0)[:, None] * chord_m
+    distance_m: FloatArray = np.linalg.norm(xy_m - nearest_m, axis=1)
+    return distance_m
