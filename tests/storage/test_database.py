@@ -1,8 +1,9 @@
 import asyncio
 import sqlite3
 import threading
+from collections.abc import AsyncIterator, Coroutine
+from contextlib import asynccontextmanager
 from pathlib import Path
-from typing import Self
 
 import pytest
 from sqlalchemy import Connection, func, insert, select, text
@@ -27,24 +28,37 @@ def names(connection: Connection) -> list[str]:
 
 
 class Gate:
-    """A write that holds the writer until it is opened."""
+    """A write that holds the writer, inside its transaction, until it is opened."""
 
-    def __init__(self, database: Database) -> None:
+    def __init__(self) -> None:
         self._open, self._reached = threading.Event(), threading.Event()
-        self._database = database
 
-    async def __aenter__(self) -> Self:
-        self._held = asyncio.create_task(self._database.write(self._hold))
-        await asyncio.to_thread(self._reached.wait)
-        return self
-
-    async def __aexit__(self, *_: object) -> None:
-        self._open.set()
-        await self._held
-
-    def _hold(self, _connection: Connection) -> None:
+    def hold(self, _connection: Connection) -> None:
         self._reached.set()
-        self._open.wait(10)
+        assert self._open.wait(10)
+
+    async def reached(self) -> None:
+        await asyncio.to_thread(self._reached.wait)
+
+    def open(self) -> None:
+        self._open.set()
+
+
+@asynccontextmanager
+async def held_writer(database: Database) -> AsyncIterator[None]:
+    """Let writes gather in the queue; when the block ends they run as one group."""
+    gate = Gate()
+    held = asyncio.create_task(database.write(gate.hold))
+    await gate.reached()
+    yield
+    gate.open()
+    await held
+
+
+async def queued(*writes: Coroutine[object, object, object]) -> list[asyncio.Task[object]]:
+    tasks = [asyncio.create_task(write) for write in writes]
+    await asyncio.sleep(0)
+    return tasks
 
 
 async def test_writes_return_values_and_are_seen_by_later_reads(database: Database):
@@ -53,9 +67,8 @@ async def test_writes_return_values_and_are_seen_by_later_reads(database: Databa
 
 
 async def test_a_failing_write_fails_alone_in_its_group(database: Database):
-    async with Gate(database):
-        group = [asyncio.create_task(database.write(add(n))) for n in ("a", "a", "b")]
-        await asyncio.sleep(0)
+    async with held_writer(database):
+        group = await queued(*(database.write(add(n)) for n in ("a", "a", "b")))
         assert database.waiting == 3
     results = await asyncio.gather(*group, return_exceptions=True)
     assert [type(r) for r in results] == [str, IntegrityError, str]
@@ -74,30 +87,29 @@ async def test_half_of_a_failing_write_is_undone(database: Database):
 
 async def test_waiting_writes_share_one_transaction(database: Database):
     transactions: list[object] = []
-    async with Gate(database):
-        group = [
-            asyncio.create_task(database.write(lambda c: transactions.append(c.get_transaction())))
-            for _ in range(5)
-        ]
-        await asyncio.sleep(0)
+    async with held_writer(database):
+        note = lambda c: transactions.append(c.get_transaction())  # noqa: E731
+        group = await queued(*(database.write(note) for _ in range(5)))
     await asyncio.gather(*group)
     assert len(transactions) == 5
     assert len({id(transaction) for transaction in transactions}) == 1
 
 
-async def test_nothing_is_acknowledged_before_its_commit(storage_url: str, database: Database):
-    async with Gate(database):
-        group = [asyncio.create_task(database.write(add(n))) for n in ("a", "b")]
-        await asyncio.sleep(0)
-        assert not any(write.done() for write in group)
-    await group[0]
-    other = Database(storage_url)
-    assert other.read_now(names) == ["a", "b"]
-    other.close_now()
+async def test_nothing_is_acknowledged_before_its_commit(database: Database):
+    last_of_group = Gate()
+    async with held_writer(database):
+        group = await queued(database.write(add("a")), database.write(last_of_group.hold))
+    await last_of_group.reached()
+    assert not group[0].done()
+    assert await database.read(names) == []
+    last_of_group.open()
+    assert await group[0] == "a"
+    assert await database.read(names) == ["a"]
+    await group[1]
 
 
 async def test_a_write_that_waits_too_long_is_refused_and_never_runs(database: Database):
-    async with Gate(database):
+    async with held_writer(database):
         with pytest.raises(DatabaseUnavailableError):
             await database.write(add("late"), timeout_s=0.01)
     await database.flush()
@@ -106,7 +118,7 @@ async def test_a_write_that_waits_too_long_is_refused_and_never_runs(database: D
 
 async def test_a_full_queue_refuses_and_counts_what_was_submitted(storage_url: str):
     database = Database(storage_url, queue_limit=2)
-    async with Gate(database):
+    async with held_writer(database):
         database.submit(add("a"))
         database.submit(add("b"))
         with pytest.raises(DatabaseUnavailableError):
@@ -118,10 +130,10 @@ async def test_a_full_queue_refuses_and_counts_what_was_submitted(storage_url: s
 
 async def test_submitted_writes_keep_their_order_with_others(database: Database):
     seen: list[str] = []
-    async with Gate(database):
+    async with held_writer(database):
         for name in "abc":
             database.submit(lambda _, n=name: seen.append(n))
-        last = asyncio.create_task(database.write(lambda _: seen.append("d")))
+        (last,) = await queued(database.write(lambda _: seen.append("d")))
     await last
     assert seen == ["a", "b", "c", "d"]
 
