@@ -5,6 +5,7 @@ from pathlib import Path
 from alembic import command
 from alembic.config import Config
 from alembic.runtime.migration import MigrationContext
+from alembic.script import ScriptDirectory
 from sqlalchemy import Connection
 
 from app.storage.engines import migrating_engine
@@ -40,6 +41,11 @@ def current(url: str) -> str | None:
         revision = MigrationContext.configure(connection).get_current_revision()
     engine.dispose()
     return revision
+
+
+def head() -> str | None:
+    """Return the revision that this build needs."""
+    return ScriptDirectory(str(scripts_folder())).get_current_head()
 
 
 def scripts_folder() -> Path:

@@ -1,0 +1,30 @@
+"""The first start with an empty database: one admin token, shown once."""
+
+from uuid import uuid4
+
+from sqlalchemy import Connection
+
+from app.services.access import Role
+from app.services.tokens import hash_token, new_token
+from app.storage.database import Database
+from app.storage.tokens import StoredToken, any_token, create_token
+
+
+async def make_first_token(database: Database, now_s: float) -> str | None:
+    """Return a new admin token if there is no token at all yet, else None."""
+    secret = new_token()
+
+    def statement(connection: Connection) -> bool:
+        if any_token(connection):
+            return False
+        token = StoredToken(
+            token_id=uuid4().hex,
+            name="first start",
+            token_hash=hash_token(secret),
+            role=Role.ADMIN,
+            created_s=now_s,
+        )
+        create_token(connection, token)
+        return True
+
+    return secret if await database.write(statement) else None

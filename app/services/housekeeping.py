@@ -1,0 +1,75 @@
+"""What a server does beside answering: end silent sessions, see others' edits, forget old logs."""
+
+import asyncio
+import logging
+from dataclasses import dataclass
+from functools import partial
+
+from sqlalchemy.exc import SQLAlchemyError
+
+from app.core.session import LogUnavailableError
+from app.services.site import SiteDirectory
+from app.sessions.ports import Clock
+from app.sessions.registry import SessionRegistry
+from app.storage.database import Database, DatabaseUnavailableError
+from app.storage.log import purge_imu, purge_observations
+from app.storage.sites import get_site
+
+_LOG = logging.getLogger(__name__)
+_DAY_S = 86_400.0
+
+
+@dataclass(frozen=True, slots=True)
+class Retention:
+    """How long the observation log keeps what, and how often that is looked after."""
+
+    imu_s: float = _DAY_S
+    scans_s: float = 90.0 * _DAY_S
+    interval_s: float = 3600.0
+
+
+class Housekeeping:
+    """The periodic work; `run` goes on until it is cancelled."""
+
+    def __init__(
+        self,
+        registry: SessionRegistry,
+        directory: SiteDirectory,
+        database: Database,
+        clock: Clock,
+        retention: Retention,
+    ) -> None:
+        self._registry = registry
+        self._directory = directory
+        self._database = database
+        self._clock = clock
+        self._retention = retention
+        self._purged_s = -1.0
+
+    async def run(self, interval_s: float) -> None:
+        """Do a round every ``interval_s``; a database that does not answer delays it."""
+        while True:
+            await asyncio.sleep(interval_s)
+            try:
+                await self.round()
+            except (DatabaseUnavailableError, LogUnavailableError, SQLAlchemyError) as error:
+                _LOG.warning("housekeeping is put off: %s", error)
+
+    async def round(self) -> None:
+        """Do everything that is due."""
+        await self._directory.refresh()
+        await self._registry.sweep()
+        if self._clock.now_s() >= self._purged_s + self._retention.interval_s:
+            await self._purge()
+            self._purged_s = self._clock.now_s()
+
+    async def _purge(self) -> None:
+        now_s = self._clock.now_s()
+        await purge_imu(self._database, now_s - self._retention.imu_s)
+        for site_id in self._directory.site_ids():
+            site = await self._database.read(partial(get_site, site_id=site_id))
+            if site is None:
+                continue
+            days = site.retention_days
+            kept_s = self._retention.scans_s if days is None else days * _DAY_S
+            await purge_observations(self._database, site_id, now_s - kept_s)
