@@ -1,4 +1,4 @@
-"""``pharos import csv``: tables of beacons and of fingerprints (docs/formats.md has the columns)."""
+"""``pharos import csv``: tables of beacons and fingerprints (docs/formats.md has the columns)."""
 
 import asyncio
 from pathlib import Path

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from pydantic import ValidationError
@@ -27,7 +27,7 @@ DatabaseOption = Annotated[
 ]
 
 
-def settings_with(**given: object) -> Settings:
+def settings_with(**given: Any) -> Settings:
     """Return the settings of the environment, with the options that were given in their place."""
     try:
         return Settings(**{name: value for name, value in given.items() if value is not None})

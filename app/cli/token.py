@@ -1,5 +1,6 @@
 """``pharos token``: make, list and revoke access tokens of the local database."""
 
+import asyncio
 import re
 from typing import Annotated
 
@@ -10,9 +11,9 @@ from rich.table import Table
 from app.cli.errors import CommandError
 from app.cli.local import CLOCK, DatabaseOption, local_database
 from app.services.access import Role
-from app.services.tokens import hash_token, new_token
-from app.storage.sites import get_site
-from app.storage.tokens import StoredToken, create_token, list_tokens, revoke_token
+from app.services.issue_tokens import TokenGrant, issue_token
+from app.services.issue_tokens import revoke as revoke_token
+from app.storage.tokens import StoredToken, list_tokens
 
 tokens = typer.Typer(no_args_is_help=True, help="Make, list and revoke access tokens.")
 
@@ -36,25 +37,11 @@ def create(  # noqa: PLR0913 - one parameter per option
 ) -> None:
     """Make a token and print it, once: only its hash is stored."""
     _check_scope(role, device, prefix)
-    secret = new_token()
     created_s = CLOCK.now_s()
-    token_hash = hash_token(secret)
-    stored = StoredToken(
-        token_id=f"tok-{token_hash.hex()[:12]}",
-        name=name,
-        token_hash=token_hash,
-        role=role,
-        created_s=created_s,
-        site_id=site,
-        device_id=device,
-        device_prefix=prefix,
-        expires_s=None if expires is None else created_s + _duration_s(expires),
-    )
+    expires_s = None if expires is None else created_s + _duration_s(expires)
+    grant = TokenGrant(name, role, site, device, prefix, expires_s)
     with local_database(database) as store:
-        if site is not None and store.read_now(lambda c: get_site(c, site)) is None:
-            msg = f"there is no site {site!r}"
-            raise CommandError(msg)
-        store.write_now(lambda c: create_token(c, stored))
+        secret, stored = asyncio.run(issue_token(store, grant, created_s))
     Console(stderr=True).print(f"Token {stored.token_id}, role {role.value}; shown only now:")
     typer.echo(secret)
 
@@ -80,10 +67,7 @@ def revoke(
 ) -> None:
     """Revoke a token for good; a running server notices within seconds."""
     with local_database(database) as store:
-        known = store.write_now(lambda c: revoke_token(c, token_id, CLOCK.now_s()))
-    if not known:
-        msg = f"there is no token {token_id!r}"
-        raise CommandError(msg)
+        asyncio.run(revoke_token(store, token_id, CLOCK.now_s()))
     Console().print(f"Token {token_id} is revoked.")
 
 
