@@ -78,7 +78,7 @@ async def import_beacons(
     """
     check_site(principal, site_id)
     rows = await _rows(request)
-    taken, lines, refused = _checked(site_id, rows)
+    taken, lines, refused = checked_rows(site_id, rows)
     plan = await beacon_service.import_beacons(context.database, site_id, taken, dry_run=dry_run)
     if not dry_run:
         await context.directory.refresh()
@@ -136,9 +136,10 @@ def _json_rows(text: str) -> list[BeaconRow]:
     ]
 
 
-def _checked(
+def checked_rows(
     site_id: str, rows: Sequence[BeaconRow]
 ) -> tuple[list[StoredBeacon], list[int], list[RefusedRow]]:
+    """Return the beacons of a table with their lines, and the rows that cannot be meant."""
     taken: list[StoredBeacon] = []
     lines: list[int] = []
     refused: list[RefusedRow] = []

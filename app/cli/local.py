@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 from pydantic import ValidationError
@@ -27,10 +27,13 @@ DatabaseOption = Annotated[
 ]
 
 
-def settings_with(**given: Any) -> Settings:
+def settings_with(
+    *, host: str | None = None, port: int | None = None, database_url: str | None = None
+) -> Settings:
     """Return the settings of the environment, with the options that were given in their place."""
+    given = {"host": host, "port": port, "database_url": database_url}
     try:
-        return Settings(**{name: value for name, value in given.items() if value is not None})
+        return Settings().model_copy(update={k: v for k, v in given.items() if v is not None})
     except ValidationError as error:
         wrong = "; ".join(f"{'.'.join(map(str, e['loc']))}: {e['msg']}" for e in error.errors())
         msg = f"settings: {wrong}"
