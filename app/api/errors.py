@@ -36,6 +36,7 @@ STATUS: dict[ErrorCode, int] = {
     ErrorCode.SEQ_CONFLICT: 409,
     ErrorCode.CLOCK_CHANGED: 409,
     ErrorCode.SESSION_OVER: 409,
+    ErrorCode.NO_GEOREFERENCE: 409,
     ErrorCode.ETAG_MISMATCH: 412,
     ErrorCode.BODY_TOO_LARGE: 413,
     ErrorCode.MEDIA_TYPE_UNSUPPORTED: 415,

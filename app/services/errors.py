@@ -28,6 +28,7 @@ class ErrorCode(StrEnum):
     SEQ_CONFLICT = "seq_conflict"
     CLOCK_CHANGED = "clock_changed"
     SESSION_OVER = "session_over"
+    NO_GEOREFERENCE = "no_georeference"
     ETAG_MISMATCH = "etag_mismatch"
     BODY_TOO_LARGE = "body_too_large"
     MEDIA_TYPE_UNSUPPORTED = "media_type_unsupported"

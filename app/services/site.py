@@ -10,6 +10,7 @@ from typing import Any
 from sqlalchemy import Connection
 
 from app.core.fingerprint.radio_map import RadioMap
+from app.core.georeference import ControlPoint, Georeference, fit_georeference
 from app.core.params import Params
 from app.core.site import Floor, SiteModel
 from app.formats.floor_map import FloorMapError, parse_floor_map
@@ -31,8 +32,9 @@ class SiteDirectory:
 
     def __init__(self, database: Database) -> None:
         self._database = database
+        self._sites: dict[str, StoredSite] = {}
         self._models: dict[str, SiteModel] = {}
-        self._profiles: dict[str, str] = {}
+        self._georeferences: dict[str, Georeference] = {}
         self._refreshing = asyncio.Lock()
 
     def current(self, site_id: str) -> SiteModel | None:
@@ -45,7 +47,11 @@ class SiteDirectory:
 
     def default_profile(self, site_id: str) -> str:
         """Return the profile of sessions at a site that name none."""
-        return self._profiles[site_id]
+        return self._sites[site_id].default_profile
+
+    def georeference(self, site_id: str) -> Georeference | None:
+        """Return where the site lies on the globe, None if nobody has said."""
+        return self._georeferences.get(site_id)
 
     def params(self, site_id: str, profile: str) -> Params:
         """Return the parameters of a profile; KeyError if there is none of this name."""
@@ -55,16 +61,27 @@ class SiteDirectory:
     async def refresh(self) -> None:
         """Load what was changed since the last time, by this process or another one."""
         async with self._refreshing:
-            versions = await self._database.read(sites.model_versions)
-            models = {s: m for s, m in self._models.items() if s in versions}
-            for site_id, version in versions.items():
-                if site_id in models and models[site_id].version == version:
-                    continue
-                model = await self._database.read(partial(load_site_model, site_id=site_id))
+            stored = {s.site_id: s for s in await self._database.read(sites.all_sites)}
+            models: dict[str, SiteModel] = {}
+            for site_id, site in stored.items():
+                model = self._models.get(site_id)
+                if model is None or model.version != site.model_version:
+                    load = partial(load_site_model, site_id=site_id)
+                    model = await self._database.read(load)
+                # A site may be gone by the time its model is read.
                 if model is not None:
                     models[site_id] = model
-            self._profiles = await self._database.read(sites.default_profiles)
-            self._models = {s: m for s, m in models.items() if s in self._profiles}
+            self._sites, self._models = stored, models
+            self._georeferences = {
+                site_id: fit_georeference(control_points(site.georeference))
+                for site_id, site in stored.items()
+                if site.georeference is not None
+            }
+
+
+def control_points(stored: list[dict[str, float]]) -> list[ControlPoint]:
+    """Return the control points of a georeference as stored."""
+    return [ControlPoint(p["x"], p["y"], p["lat"], p["lon"]) for p in stored]
 
 
 def load_site_model(connection: Connection, site_id: str) -> SiteModel | None:

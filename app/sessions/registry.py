@@ -121,6 +121,17 @@ class SessionRegistry:
             await device.mailbox.run(lambda: self._settle_all(device))
         await self._ports.tracks.flush()
 
+    async def erase(self, device_id: str, remove: Callable[[], Awaitable[None]]) -> None:
+        """Forget a device; ``remove`` runs after its earlier batches and before its later ones."""
+        device = self._device(device_id)
+
+        async def forget() -> None:
+            await remove()
+            device.slots.clear()
+            self._latest.pop(device_id, None)
+
+        await device.mailbox.run(forget)
+
     async def recover(self) -> None:
         """Learn at start-up which sessions are unfinished; each wakes up when it is needed."""
         now_s = self._clock.now_s()

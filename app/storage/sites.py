@@ -77,16 +77,9 @@ def touch_model(connection: Connection, site_id: str) -> None:
     )
 
 
-def model_versions(connection: Connection) -> dict[str, int]:
-    """Return the model version of every site."""
-    rows = connection.execute(select(SITES.c.id, SITES.c.model_version))
-    return {row.id: row.model_version for row in rows}
-
-
-def default_profiles(connection: Connection) -> dict[str, str]:
-    """Return the default profile of every site."""
-    rows = connection.execute(select(SITES.c.id, SITES.c.default_profile))
-    return {row.id: row.default_profile for row in rows}
+def all_sites(connection: Connection) -> list[StoredSite]:
+    """Return every site."""
+    return [_site(row) for row in connection.execute(select(SITES)).mappings()]
 
 
 def _editable(site: StoredSite) -> dict[str, Any]:
