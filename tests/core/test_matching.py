@@ -1,0 +1,159 @@
+"""Fingerprint matching: the inverted index is exact, and what is heard late or twice does no harm."""
+
+import numpy as np
+import pytest
+
+from app.core.fingerprint.matching import match, represent
+from app.core.fingerprint.query import Query, first_of, fresh_wifi_dbm, hear, mean_ble_dbm
+from app.core.fingerprint.radio_map import Fingerprint, build_radio_map
+from app.core.fingerprint.survey import chosen_keys, walk_fingerprints
+from app.core.params import MatchParams
+from app.core.types import BleScan, Reading, WifiScan
+
+PARAMS = MatchParams()
+
+
+def levels(rng, prefix, transmitters, heard):
+    chosen = rng.choice(transmitters, heard, replace=False)
+    return {f"{prefix}:{t}": float(rng.integers(-95, -35)) for t in chosen}
+
+
+@pytest.fixture(scope="module")
+def fingerprints():
+    rng = np.random.default_rng(5)
+    return [
+        Fingerprint(i % 2, float(i), float(i % 7), levels(rng, "w", 40, 12), levels(rng, "b", 9, 3))
+        for i in range(120)
+    ]
+
+
+@pytest.fixture(scope="module")
+def radio_map(fingerprints):
+    return build_radio_map(("f0", "f1"), fingerprints)
+
+
+def sorensen(query, row, floor_dbm, exponent):
+    keys = sorted(set(query) | set(row))
+    a, b = (
+        represent(np.array([side.get(k, floor_dbm) for k in keys]), floor_dbm, exponent)
+        for side in (query, row)
+    )
+    return 1.0 - 2.0 * np.minimum(a, b).sum() / (a.sum() + b.sum())
+
+
+def cosine(query, row, floor_dbm, exponent):
+    keys = sorted(set(query) | set(row))
+    a, b = (
+        represent(np.array([side.get(k, floor_dbm) for k in keys]), floor_dbm, exponent)
+        for side in (query, row)
+    )
+    return 1.0 - a @ b / np.sqrt((a @ a) * (b @ b))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_index_finds_what_brute_force_finds(seed, fingerprints, radio_map):
+    rng = np.random.default_rng(seed)
+    query = Query(levels(rng, "w", 45, 10), levels(rng, "b", 12, 2))
+    p = PARAMS
+    gain = p.ble_gain * 2 / 3
+    distance = np.array(
+        [
+            sorensen(query.wifi_dbm, f.wifi_dbm, p.wifi_floor_dbm, p.sorensen_exponent)
+            + cosine(query.wifi_dbm, f.wifi_dbm, p.wifi_floor_dbm, p.cosine_exponent)
+            + gain * sorensen(query.ble_dbm, f.ble_dbm, p.ble_floor_dbm, p.ble_exponent)
+            for f in fingerprints
+        ]
+    )
+    expected = np.argsort(distance)[: p.k]
+    found = match(query, radio_map, p)
+    assert list(found.row) == list(expected)
+    weight = np.exp(-(distance[expected] - distance[expected[0]]) / p.softness)
+    assert np.allclose(found.weight, weight / weight.sum(), atol=1e-9)
+
+
+def test_a_fingerprint_finds_itself(fingerprints, radio_map):
+    for i in (0, 17, 119):
+        found = match(Query(fingerprints[i].wifi_dbm, fingerprints[i].ble_dbm), radio_map, PARAMS)
+        assert found.row[0] == i
+        assert found.nearest_sorensen == pytest.approx(0.0, abs=1e-12)
+
+
+def test_the_order_in_which_the_phone_lists_readings_does_not_matter(fingerprints, radio_map):
+    forward = fingerprints[3].wifi_dbm
+    backward = dict(reversed(forward.items()))
+    one = match(Query(forward, {}), radio_map, PARAMS)
+    other = match(Query(backward, {}), radio_map, PARAMS)
+    assert np.array_equal(one.weight, other.weight)
+    assert np.array_equal(one.row, other.row)
+
+
+def test_beacons_alone_are_matched_by_beacons_alone(fingerprints, radio_map):
+    found = match(Query({}, fingerprints[8].ble_dbm), radio_map, PARAMS)
+    assert found.row[0] == 8 or found.nearest_sorensen == pytest.approx(0.0, abs=1e-12)
+
+
+def test_nothing_known_is_no_match(radio_map):
+    assert match(Query({"w:unknown": -50.0}, {}), radio_map, PARAMS) is None
+
+
+def test_unknown_transmitters_count_against_every_place(fingerprints, radio_map):
+    known = dict(fingerprints[3].wifi_dbm)
+    strange = known | {f"w:new{i}": -40.0 for i in range(12)}
+    assert (
+        match(Query(strange, {}), radio_map, PARAMS).nearest_sorensen
+        > match(Query(known, {}), radio_map, PARAMS).nearest_sorensen + 0.2
+    )
+
+
+def test_stale_readings_are_dropped_by_their_own_age():
+    scan = WifiScan(
+        100.0,
+        (
+            Reading(("mac:a",), -50.0, 0.2),
+            Reading(("mac:b",), -40.0, 30.0),
+            Reading(("mac:a",), -60.0, 0.1),
+        ),
+    )
+    assert fresh_wifi_dbm(scan, 4.0, first_of({})) == {"mac:a": -50.0}
+
+
+def test_beacon_levels_are_averaged_over_their_window():
+    heard = hear((), BleScan(10.0, (Reading(("mac:a",), -60.0, 0.5),)), 3.0)
+    heard = hear(heard, BleScan(11.0, (Reading(("mac:a",), -70.0),)), 3.0)
+    assert mean_ble_dbm(heard, first_of({})) == {"mac:a": -65.0}
+    heard = hear(heard, BleScan(13.5, (Reading(("mac:b",), -80.0),)), 3.0)
+    assert mean_ble_dbm(heard, first_of({})) == {"mac:a": -70.0, "mac:b": -80.0}
+
+
+def test_a_shared_beacon_identity_gives_way_to_the_mac():
+    shared, own = "ibeacon:u:0:0", "ibeacon:u:1:7"
+    scan = BleScan(
+        1.0,
+        (
+            Reading((shared, "mac:1"), -60.0),
+            Reading((shared, "mac:2"), -70.0),
+            Reading((own, "mac:3"), -65.0),
+        ),
+    )
+    choose = chosen_keys([scan])
+    assert [choose(r.keys) for r in scan.readings] == ["mac:1", "mac:2", own]
+    # An iPhone sees no MAC, an Android sees both: either finds the map's column.
+    assert first_of({own: 0})((own,)) == first_of({own: 0})((own, "mac:3")) == own
+
+
+def test_scans_that_cannot_be_placed_make_no_fingerprint():
+    scans = [
+        WifiScan(t, tuple(Reading((f"mac:{i}",), -50.0) for i in range(3))) for t in (1.0, 2.0, 3.0)
+    ]
+    place = {2.0: (4.0, 5.0)}
+    rows = list(walk_fingerprints(scans, place.get, 0, "walk", (chosen_keys(scans), PARAMS)))
+    assert [(r.x_m, r.y_m) for r in rows] == [(4.0, 5.0)]
+
+
+def test_a_map_of_other_floors_is_refused_and_reordered(radio_map):
+    swapped = radio_map.with_floors(("f1", "f0"))
+    assert list(swapped.floor_index[:3]) == [1, 0, 1]
+    only = radio_map.with_floors(("f1",))
+    assert only.rows == radio_map.rows // 2
+    with pytest.raises(ValueError, match="none of"):
+        radio_map.with_floors(("elsewhere",))
