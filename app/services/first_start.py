@@ -1,13 +1,12 @@
 """The first start with an empty database: one admin token, shown once."""
 
-from uuid import uuid4
-
 from sqlalchemy import Connection
 
 from app.services.access import Role
-from app.services.tokens import hash_token, new_token
+from app.services.issue_tokens import TokenGrant, token_of
+from app.services.tokens import new_token
 from app.storage.database import Database
-from app.storage.tokens import StoredToken, any_token, create_token
+from app.storage.tokens import any_token, create_token
 
 
 async def make_first_token(database: Database, now_s: float) -> str | None:
@@ -17,13 +16,7 @@ async def make_first_token(database: Database, now_s: float) -> str | None:
     def statement(connection: Connection) -> bool:
         if any_token(connection):
             return False
-        token = StoredToken(
-            token_id=uuid4().hex,
-            name="first start",
-            token_hash=hash_token(secret),
-            role=Role.ADMIN,
-            created_s=now_s,
-        )
+        token = token_of(TokenGrant("first start", Role.ADMIN), secret, now_s)
         create_token(connection, token)
         return True
 
