@@ -18,11 +18,20 @@ and rises else.
 Sources: Grinyak et al. 2018 (model); Huber 1964 (weights); Marquardt 1963 (damping).
 """
 
+from typing import TypeAlias
+
 import numpy as np
 from numba import njit
 
 from app.core.radio.path_loss import DZ2, INTERCEPT, SLOPE, X, Y, squared_distance
 from app.core.types import FloatArray, IntArray
+
+Rows: TypeAlias = tuple[IntArray, FloatArray, FloatArray, FloatArray]
+"""Levels to explain, four arrays of (rows,): anchor (row of the model's table), time since the
+reference time (s), level (dBm), ``1 / sigma`` (1/dB)."""
+
+Priors: TypeAlias = tuple[float, float, float]
+"""Huber's k; inverse variances of a velocity component (s^2/m^2) and of the offset (1/dB^2)."""
 
 STEP_TOLERANCE_M = 1e-3
 """The iteration ends with a position step below a millimetre: far under any noise."""
@@ -36,34 +45,30 @@ FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-9, 1e7
 
 @njit(cache=True)
 def normal_equations(
-    readings: tuple[IntArray, FloatArray, FloatArray, FloatArray],
+    rows: Rows,
     table: FloatArray,
     state: FloatArray,
-    shape: tuple[bool, bool],
-    priors: tuple[float, float, float],
+    priors: Priors,
     equations: tuple[FloatArray, FloatArray],
 ) -> float:
     """Fill the normal equations at a state and return the cost there.
 
     Parameters
     ----------
-    readings : four arrays of (readings,)
-        Anchor (row of ``table``), time since the reference time (s), level (dBm), ``1 / sigma``
-        (1/dB).
+    rows
+        See `Rows`.
     table : (anchors, 6)
         See `LevelModel.table`.
     state : (p,)
-        Where to linearise.
-    shape
-        Whether the state has a velocity, whether it has an offset.
+        Where to linearise; p is 2 (static) or 4 (kinematic), and one more with an offset.
     priors
-        Huber's k; inverse variances of a velocity component (s^2/m^2) and of the offset (1/dB^2).
+        See `Priors`.
     equations : A (p, p) and g (p,)
         Output: ``H' W Q^-1 H`` and ``H' W Q^-1 z`` with the priors.
     """
     A, g = equations
-    anchor, tau_s, rssi_dbm, precision = readings
-    kinematic, with_offset = shape
+    anchor, tau_s, rssi_dbm, precision = rows
+    kinematic, with_offset = len(state) >= 4, len(state) % 2 == 1
     k, velocity_information, offset_information = priors
     p = len(state)
     row = np.zeros(p)
@@ -120,11 +125,10 @@ def _add_priors(
 
 @njit(cache=True)
 def minimise(
-    readings: tuple[IntArray, FloatArray, FloatArray, FloatArray],
+    rows: Rows,
     table: FloatArray,
     start: FloatArray,
-    shape: tuple[bool, bool],
-    priors: tuple[float, float, float],
+    priors: Priors,
 ) -> tuple[FloatArray, float, FloatArray]:
     """Return the state of the nearest minimum, its cost and its information matrix ``A``.
 
@@ -134,12 +138,12 @@ def minimise(
     state = start.copy()
     A, g = np.empty((p, p)), np.empty(p)
     A_trial, g_trial = np.empty((p, p)), np.empty(p)
-    cost = normal_equations(readings, table, state, shape, priors, (A, g))
+    cost = normal_equations(rows, table, state, priors, (A, g))
     damping = FIRST_DAMPING
     for _ in range(MAX_ITERATIONS):
         step = damped_step(A, g, damping)
         trial = state + step
-        trial_cost = normal_equations(readings, table, trial, shape, priors, (A_trial, g_trial))
+        trial_cost = normal_equations(rows, table, trial, priors, (A_trial, g_trial))
         if trial_cost <= cost:
             state, cost = trial, trial_cost
             A, A_trial = A_trial, A

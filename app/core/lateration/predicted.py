@@ -88,7 +88,7 @@ def predicted_covariance(
     adjugate = np.stack((J[:, 1, 1], -J[:, 0, 1], -J[:, 0, 1], J[:, 0, 0]), -1).reshape(-1, 2, 2)
     factor = schedule.position_factor(kinematic=kinematic)
     D[regular] = factor * adjugate[regular] / det[regular, None, None]
-    return D.reshape(*np.shape(x_m), 2, 2)
+    return np.asarray(D.reshape(*np.shape(x_m), 2, 2))
 
 
 def predicted_sigma_m(

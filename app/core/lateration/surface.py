@@ -10,22 +10,30 @@ The grid lies along the principal axes of the anchors heard, so that a turned la
 answer, turned, and both sides of a row of anchors are treated alike.
 """
 
+from typing import TypeAlias
+
 import numpy as np
 from numba import njit
 
-from app.core.lateration.gauss_newton import minimise
+from app.core.lateration.gauss_newton import Priors, Rows, minimise
 from app.core.radio.path_loss import DZ2, INTERCEPT, SLOPE, X, Y, squared_distance
 from app.core.types import FloatArray, IntArray
+
+Surface: TypeAlias = tuple[Rows, FloatArray, FloatArray, Priors]
+"""What the cost of a place depends on: the mean level of each anchor heard (one row per anchor),
+the model's table, the search box (see `box_around`) and the priors. An infinite information of the
+offset says that the phone is as calibrated."""
 
 COARSE, FINE = 9, 41
 """Cells per side: for finding basins (Gauss-Newton does the rest), and for moments. Odd numbers put
 cells on the principal axes."""
 
-MOST_BASINS = 6
-"""Local minima that are followed; more than four have not been seen with three anchors or more."""
-
 RIVAL_CHI2 = 9.21
 """A basin whose cost is this much above the best is out: 99 % point of chi-square, 2 degrees."""
+
+LEAST_RISE, MOST_RISE = 1.5, 10.0
+"""Two standard deviations off the minimum of a parabola the cost is 4 higher. Where it is less or
+more than this, the surface is wider than 1.6 or narrower than 0.6 of what the covariance says."""
 
 SUPPORT_CHI2 = 20.0
 """Cells above the least cost by more than this hold under 1e-4 of the posterior."""
@@ -33,7 +41,7 @@ SUPPORT_CHI2 = 20.0
 
 @njit(cache=True)
 def box_around(places: FloatArray, margin_m: float) -> FloatArray:
-    """Return ``(centre x, centre y, axis x, axis y, half length, half width)`` of the search box.
+    """Return centre (x, y), axis (x, y), half length, half width and margin of the box.
 
     Parameters
     ----------
@@ -47,54 +55,55 @@ def box_around(places: FloatArray, margin_m: float) -> FloatArray:
     c, s = np.cos(angle), np.sin(angle)
     along, across = c * places[:, 0] + s * places[:, 1], c * places[:, 1] - s * places[:, 0]
     a, b = 0.5 * (along.min() + along.max()), 0.5 * (across.min() + across.max())
-    half_a, half_b = 0.5 * (along.max() - along.min()), 0.5 * (across.max() - across.min())
-    return np.array([c * a - s * b, s * a + c * b, c, s, half_a + margin_m, half_b + margin_m])
+    half_a, half_b = along.max() - a + margin_m, across.max() - b + margin_m
+    return np.array([c * a - s * b, s * a + c * b, c, s, half_a, half_b, margin_m])
 
 
 @njit(cache=True)
-def cost_at(
-    means: tuple[IntArray, FloatArray, FloatArray, FloatArray],
-    table: FloatArray,
-    x_m: float,
-    y_m: float,
-    k: float,
-    offset_information: float,
-) -> float:
+def cost_at(surface: Surface, x_m: float, y_m: float) -> float:
     """Return the static cost at a place, at the phone offset that fits best there.
 
-    Parameters
-    ----------
-    means
-        As ``readings`` of `normal_equations`, one row per anchor.
-    k
-        Huber's.
-    offset_information
-        ``1 / sigma_o^2`` (1/dB^2); infinite when the phone is as calibrated.
+    A place outside the anchors' own box costs as a normal deviation of a third of the margin:
+    people are where the anchors were put. Levels outweigh that, but when the phone's offset is
+    unknown they do not tell a place inside the circle through the anchors from its inversion
+    outside.
     """
+    means, table, box, priors = surface
+    k, _, offset_information = priors
     precision = means[3]
     offset: float = 0.0
-    cost: float = 0.0
+    cost = _outside_cost(box, x_m, y_m)
     if offset_information < np.inf:
         weighted, total = 0.0, offset_information
         for j in range(len(precision)):
             weighted += precision[j] ** 2 * _residual(means, table, j, x_m, y_m)
             total += precision[j] ** 2
         offset = weighted / total
-        cost = offset * offset * offset_information
+        cost += offset * offset * offset_information
     for j in range(len(precision)):
         z = abs(_residual(means, table, j, x_m, y_m) - offset) * precision[j]
         cost += z * z if z <= k else 2.0 * k * z - k * k
     return cost
 
 
-@njit(cache=True, inline="always")
-def _residual(
-    means: tuple[IntArray, FloatArray, FloatArray, FloatArray],
-    table: FloatArray,
-    j: int,
-    x_m: float,
-    y_m: float,
-) -> float:
+@njit(cache=True)
+def _outside_cost(box: FloatArray, x_m: float, y_m: float) -> float:
+    """Return the place prior's cost."""
+    along, across = in_box(box, x_m, y_m)
+    far = max(abs(along) - box[4] + box[6], 0.0)
+    wide = max(abs(across) - box[5] + box[6], 0.0)
+    return float((far * far + wide * wide) * 9.0 / (box[6] * box[6]))
+
+
+@njit(cache=True)
+def in_box(box: FloatArray, x_m: float, y_m: float) -> tuple[float, float]:
+    """Return a place (m) along and across the box, from its centre."""
+    dx, dy = x_m - box[0], y_m - box[1]
+    return box[2] * dx + box[3] * dy, box[2] * dy - box[3] * dx
+
+
+@njit(cache=True)
+def _residual(means: Rows, table: FloatArray, j: int, x_m: float, y_m: float) -> float:
     """Return measured minus expected level (dB) of mean j at a place."""
     i = means[0][j]
     d2 = squared_distance(x_m - table[i, X], y_m - table[i, Y], table[i, DZ2])
@@ -102,21 +111,13 @@ def _residual(
 
 
 @njit(cache=True)
-def costs_on(
-    means: tuple[IntArray, FloatArray, FloatArray, FloatArray],
-    table: FloatArray,
-    box: FloatArray,
-    cells: int,
-    k: float,
-    offset_information: float,
-) -> FloatArray:
-    """Return the cost at the cells' centres, (cells, cells): first index along the box's axis."""
-    costs = np.empty((cells, cells))
+def fill_costs(surface: Surface, grid: FloatArray, costs: FloatArray) -> None:
+    """Fill costs (cells, cells) at the centres of a box's cells, the first index along its axis."""
+    cells = len(costs)
     for a in range(cells):
         for b in range(cells):
-            x, y = place_in(box, cells, a, b)
-            costs[a, b] = cost_at(means, table, x, y, k, offset_information)
-    return costs
+            x, y = place_in(grid, cells, a, b)
+            costs[a, b] = cost_at(surface, x, y)
 
 
 @njit(cache=True)
@@ -128,66 +129,66 @@ def place_in(box: FloatArray, cells: int, a: int, b: int) -> tuple[float, float]
 
 
 @njit(cache=True)
-def local_minima(costs: FloatArray) -> IntArray:
-    """Return up to `MOST_BASINS` cells that no neighbour undercuts, (minima, 2), lowest first."""
-    cells = len(costs)
-    found = np.empty((cells * cells, 2), np.int64)
-    value = np.empty(cells * cells)
-    count = 0
-    for a in range(cells):
-        for b in range(cells):
-            around = costs[max(a - 1, 0) : a + 2, max(b - 1, 0) : b + 2]
-            if costs[a, b] <= around.min():
-                found[count, 0], found[count, 1] = a, b
-                value[count] = costs[a, b]
-                count += 1
-    order = np.argsort(value[:count], kind="mergesort")[:MOST_BASINS]
-    return found[order]
+def basins(surface: Surface) -> tuple[FloatArray, FloatArray]:
+    """Return the minima of the static cost, (basins, p) with p 2 or 3, and their costs (basins,).
+
+    Two passes: from the local minima of a coarse grid, then from the best minimum turned about its
+    nearest anchor by quarter turns, because the basins around an anchor are closer than the cells.
+    """
+    box, priors = surface[2], surface[3]
+    grid = np.empty((COARSE, COARSE))
+    fill_costs(surface, box, grid)
+    cells, count = local_minima(grid)
+    states = np.zeros((count + 3, 3 if priors[2] < np.inf else 2))
+    costs = np.empty(count + 3)
+    for m in range(count):
+        states[m, 0], states[m, 1] = place_in(box, COARSE, cells[m, 0], cells[m, 1])
+    _descend(surface, states[:count], costs[:count])
+    _quarter_turns(surface, states[np.argmin(costs[:count])], states[count:])
+    _descend(surface, states[count:], costs[count:])
+    return states, costs
 
 
 @njit(cache=True)
-def basins(
-    means: tuple[IntArray, FloatArray, FloatArray, FloatArray],
-    table: FloatArray,
-    box: FloatArray,
-    priors: tuple[float, float, float],
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the best static state, its information and how far the others are above it.
+def local_minima(costs: FloatArray) -> tuple[IntArray, int]:
+    """Return the cells (row, column) that no neighbour undercuts, and their number."""
+    cells = len(costs)
+    found = np.empty((cells * cells, 2), np.int64)
+    count = 0
+    for a in range(cells):
+        for b in range(cells):
+            if costs[a, b] <= costs[max(a - 1, 0) : a + 2, max(b - 1, 0) : b + 2].min():
+                found[count, 0], found[count, 1] = a, b
+                count += 1
+    return found, count
 
-    Returns
-    -------
-    state : (2,) or (3,)
-        Position and, with an offset prior, offset.
-    A : (p, p)
-        Information there.
-    rivals : (minima, 3)
-        ``(x, y, cost - best cost)`` of every basin found, the best included.
-    """
-    k, _, offset_information = priors
-    with_offset = offset_information < np.inf
-    costs = costs_on(means, table, box, COARSE, k, offset_information)
-    cells = local_minima(costs)
-    rivals = np.empty((len(cells), 3))
-    start = np.zeros(3 if with_offset else 2)
-    best, best_cost, best_A = start, np.inf, np.zeros((len(start), len(start)))
-    for m in range(len(cells)):
-        start[0], start[1] = place_in(box, COARSE, cells[m, 0], cells[m, 1])
-        state, cost, A = minimise(means, table, start, (False, with_offset), priors)
-        rivals[m, 0], rivals[m, 1], rivals[m, 2] = state[0], state[1], cost
-        if cost < best_cost:
-            best, best_cost, best_A = state, cost, A
-    rivals[:, 2] -= best_cost
-    return best, best_A, rivals
+
+@njit(cache=True)
+def _descend(surface: Surface, states: FloatArray, costs: FloatArray) -> None:
+    """Replace starts (n, p) by the minima reached from them, and fill their costs (n,)."""
+    means, table, _, priors = surface
+    for m in range(len(states)):
+        states[m] = minimise(means, table, states[m], priors)[0]
+        costs[m] = cost_at(surface, states[m, 0], states[m, 1])
+
+
+@njit(cache=True)
+def _quarter_turns(surface: Surface, state: FloatArray, turned: FloatArray) -> None:
+    """Fill (3, p) with a state turned about its nearest anchor by one, two and three quarters."""
+    heard, table = surface[0][0], surface[1]
+    nearest, dx, dy = 0, np.inf, np.inf
+    for i in heard:
+        if np.hypot(state[0] - table[i, X], state[1] - table[i, Y]) < np.hypot(dx, dy):
+            nearest, dx, dy = i, state[0] - table[i, X], state[1] - table[i, Y]
+    for m in range(3):
+        dx, dy = -dy, dx
+        turned[m] = state
+        turned[m, 0], turned[m, 1] = table[nearest, X] + dx, table[nearest, Y] + dy
 
 
 @njit(cache=True)
 def is_gaussian(
-    means: tuple[IntArray, FloatArray, FloatArray, FloatArray],
-    table: FloatArray,
-    place: FloatArray,
-    D: FloatArray,
-    rivals: FloatArray,
-    priors: tuple[float, float, float],
+    surface: Surface, place: FloatArray, D: FloatArray, found: tuple[FloatArray, FloatArray]
 ) -> bool:
     """Return whether the covariance D (2, 2) of the best place tells what the surface says.
 
@@ -195,41 +196,36 @@ def is_gaussian(
     deviations along its axes raise the cost by 1 to 16 (4 on an exact parabola).
     """
     det = D[0, 0] * D[1, 1] - D[0, 1] ** 2
-    for m in range(len(rivals)):
-        dx, dy = rivals[m, 0] - place[0], rivals[m, 1] - place[1]
+    states, costs = found
+    for m in range(len(states)):
+        dx, dy = states[m, 0] - place[0], states[m, 1] - place[1]
         distance2 = (D[1, 1] * dx * dx - 2.0 * D[0, 1] * dx * dy + D[0, 0] * dy * dy) / det
-        if rivals[m, 2] < RIVAL_CHI2 and distance2 > 9.0:
+        if costs[m] < costs.min() + RIVAL_CHI2 and distance2 > 9.0:
             return False
-    k, _, offset_information = priors
     angle = 0.5 * np.arctan2(2.0 * D[0, 1], D[0, 0] - D[1, 1])
     mean, spread = 0.5 * (D[0, 0] + D[1, 1]), np.hypot(0.5 * (D[0, 0] - D[1, 1]), D[0, 1])
-    least = cost_at(means, table, place[0], place[1], k, offset_information)
+    least = cost_at(surface, place[0], place[1])
     for m in range(4):
         turn = angle + 0.5 * np.pi * m
         reach = 2.0 * np.sqrt(max(mean + spread if m % 2 == 0 else mean - spread, 0.0))
         x, y = place[0] + reach * np.cos(turn), place[1] + reach * np.sin(turn)
-        rise = cost_at(means, table, x, y, k, offset_information) - least
-        if rise < 1.0 or rise > 16.0:
+        rise = cost_at(surface, x, y) - least
+        if rise < LEAST_RISE or rise > MOST_RISE:
             return False
     return True
 
 
 @njit(cache=True)
-def posterior_moments(
-    means: tuple[IntArray, FloatArray, FloatArray, FloatArray],
-    table: FloatArray,
-    box: FloatArray,
-    k: float,
-    offset_information: float,
-) -> tuple[FloatArray, FloatArray]:
+def posterior_moments(surface: Surface) -> tuple[FloatArray, FloatArray]:
     """Return mean (2,) and covariance (2, 2) of the static posterior ``exp(-C / 2)`` within a box.
 
     The grid is laid twice: over the whole box, then over the part that the posterior occupies. The
-    place prior is uniform in the box; a cell's own extent is part of the covariance.
+    place prior is that of `cost_at`; a cell's own extent is part of the covariance.
     """
-    wide = costs_on(means, table, box, FINE, k, offset_information)
-    support = _support_of(wide, box)
-    costs = costs_on(means, table, support, FINE, k, offset_information)
+    costs = np.empty((FINE, FINE))
+    fill_costs(surface, surface[2], costs)
+    support = _support_of(costs, surface[2])
+    fill_costs(surface, support, costs)
     weights = np.exp(-0.5 * (costs - costs.min()))
     weights /= weights.sum()
     mean, D = np.zeros(2), np.zeros((2, 2))
@@ -255,11 +251,11 @@ def posterior_moments(
 def _support_of(costs: FloatArray, box: FloatArray) -> FloatArray:
     """Return the part of a box, one cell wider, where the cost is near its least value."""
     cells = len(costs)
-    near = costs <= costs.min() + SUPPORT_CHI2
-    first, last = np.full(2, cells), np.full(2, -1)
+    bound = costs.min() + SUPPORT_CHI2
+    first, last = np.array([cells, cells]), np.array([-1, -1])
     for a in range(cells):
         for b in range(cells):
-            if near[a, b]:
+            if costs[a, b] <= bound:
                 first[0], last[0] = min(first[0], a), max(last[0], a)
                 first[1], last[1] = min(first[1], b), max(last[1], b)
     half = np.empty(2)
@@ -270,4 +266,4 @@ def _support_of(costs: FloatArray, box: FloatArray) -> FloatArray:
         middle[axis] = box[4 + axis] * ((low + high + 1) / cells - 1.0)
     x = box[0] + box[2] * middle[0] - box[3] * middle[1]
     y = box[1] + box[3] * middle[0] + box[2] * middle[1]
-    return np.array([x, y, box[2], box[3], half[0], half[1]])
+    return np.array([x, y, box[2], box[3], half[0], half[1], 0.0])

@@ -20,8 +20,8 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from app.core.lateration.gauss_newton import inverse, minimise
-from app.core.lateration.surface import basins, box_around, is_gaussian, posterior_moments
+from app.core.lateration.gauss_newton import Priors, Rows, inverse, minimise
+from app.core.lateration.surface import basins, box_around, in_box, is_gaussian, posterior_moments
 from app.core.params import LaterationParams
 from app.core.radio.path_loss import SIGMA, LevelModel, X, Y
 from app.core.radio.windows import Window
@@ -108,7 +108,7 @@ def estimate(
     )
 
 
-def _priors(params: LaterationParams) -> tuple[float, float, float]:
+def _priors(params: LaterationParams) -> Priors:
     """Return Huber's k and the prior informations of velocity and offset."""
     velocity, offset = params.velocity_prior_mps, params.offset_prior_db
     return (
@@ -135,7 +135,7 @@ def _solve(
     heard: tuple[IntArray, FloatArray, FloatArray],
     table: FloatArray,
     kinematic: bool,
-    priors: tuple[float, float, float],
+    priors: Priors,
     correlation: float,
     margin_m: float,
 ) -> tuple[FloatArray, FloatArray, bool]:
@@ -144,20 +144,23 @@ def _solve(
     ``heard`` is anchor, tau (s) and level (dBm) of each reading, sorted by anchor.
     """
     readings, means = _weighed(heard, table, correlation)
-    places = table[means[0]][:, X : Y + 1]
-    box = box_around(places, margin_m)
-    static, A, rivals = basins(means, table, box, priors)
+    places = np.empty((len(means[0]), 2))
+    for j, i in enumerate(means[0]):
+        places[j, 0], places[j, 1] = table[i, X], table[i, Y]
+    surface = (means, table, box_around(places, margin_m), priors)
+    found = basins(surface)
+    static, _, A = minimise(means, table, found[0][np.argmin(found[1])], priors)
     regular, D = inverse(A)
     if (
         regular
-        and _inside(box, static)
-        and is_gaussian(means, table, static[:2], D[:2, :2], rivals, priors)
+        and _inside(surface[2], static)
+        and is_gaussian(surface, static[:2], D[:2, :2], found)
     ):
         state, A = _refined(readings, table, static, kinematic, priors)
         regular, D = inverse(A)
-        if regular and _inside(box, state):
+        if regular and _inside(surface[2], state):
             return state, D, True
-    mean, D = posterior_moments(means, table, box, priors[0], priors[2])
+    mean, D = posterior_moments(surface)
     if kinematic:
         reach2 = 0.5 * (WALKING_SPEED_MPS * readings[1].mean()) ** 2
         D[0, 0] += reach2
@@ -168,10 +171,7 @@ def _solve(
 @njit(cache=True)
 def _weighed(
     heard: tuple[IntArray, FloatArray, FloatArray], table: FloatArray, correlation: float
-) -> tuple[
-    tuple[IntArray, FloatArray, FloatArray, FloatArray],
-    tuple[IntArray, FloatArray, FloatArray, FloatArray],
-]:
+) -> tuple[Rows, Rows]:
     """Return the readings with their precisions, and their means per anchor with theirs.
 
     M readings with correlation rho count as ``M / (1 + rho (M - 1))`` independent ones (Kish's
@@ -199,11 +199,11 @@ def _weighed(
 
 @njit(cache=True)
 def _refined(
-    readings: tuple[IntArray, FloatArray, FloatArray, FloatArray],
+    readings: Rows,
     table: FloatArray,
     static: FloatArray,
     kinematic: bool,
-    priors: tuple[float, float, float],
+    priors: Priors,
 ) -> tuple[FloatArray, FloatArray]:
     """Return state and information from all readings one by one, started at the static solution."""
     with_offset = len(static) == 3
@@ -211,13 +211,12 @@ def _refined(
     start[:2] = static[:2]
     if with_offset:
         start[-1] = static[-1]
-    state, _, A = minimise(readings, table, start, (kinematic, with_offset), priors)
+    state, _, A = minimise(readings, table, start, priors)
     return state, A
 
 
 @njit(cache=True)
 def _inside(box: FloatArray, state: FloatArray) -> bool:
     """Return whether a place lies in the search box."""
-    dx, dy = state[0] - box[0], state[1] - box[1]
-    along, across = box[2] * dx + box[3] * dy, box[2] * dy - box[3] * dx
+    along, across = in_box(box, state[0], state[1])
     return bool(abs(along) <= box[4] and abs(across) <= box[5])

@@ -125,7 +125,7 @@ def distances_of_levels(model: LevelModel, rssi_dbm: FloatArray) -> FloatArray:
     )
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def squared_distance(dx: float, dy: float, dz2: float) -> float:
     """Return the squared distance in space, bounded by the near field (kernels)."""
     return max(dx * dx + dy * dy + dz2, NEAR_FIELD_M * NEAR_FIELD_M)
