@@ -23,8 +23,8 @@ class SessionLimits:
         Silence after which a session is over and its final track is stored.
     reopen_s
         A finished session is opened again for a phone that comes back within this time of its
-        opening: its track is then folded anew, for which the log must still be whole (raw IMU leaves
-        it after 24 h).
+        opening: its track is then folded anew, for which the log must still be whole (raw IMU
+        leaves it after 24 h).
     snapshot_every_s
         Event time between snapshots: what a restart folds again per session.
     max_sessions

@@ -20,12 +20,6 @@ class Keyed:
     observation: Observation
 
 
-@dataclass(frozen=True, slots=True)
-class _Folded:
-    keyed: Keyed
-    first_output_s: float | None
-
-
 class ReorderWindow:
     """Folds in key order over the last seconds of event time, whatever order things come in.
 
@@ -38,7 +32,7 @@ class ReorderWindow:
         self._fold = fold
         self._length_s = length_s
         self._checkpoints = [state]
-        self._folded: list[_Folded] = []
+        self._folded: list[Keyed] = []
 
     @property
     def checkpoint(self) -> SessionState:
@@ -51,35 +45,33 @@ class ReorderWindow:
         An observation older than the window counts as late even if it was folded once: the window
         no longer knows it.
         """
-        known = {f.keyed.key for f in self._folded}
+        known = {keyed.key for keyed in self._folded}
         keyed = {key: o for o in observations if (key := order_key(o)) not in known}
         oldest = self.checkpoint.last_key
         fresh = [Keyed(key, keyed[key]) for key in sorted(keyed) if oldest is None or key > oldest]
         late = oldest is not None and any(key < oldest for key in keyed)
         return fresh, late
 
-    def rewind(self, key: OrderKey) -> tuple[list[Keyed], float | None]:
-        """Go back to the newest checkpoint before ``key``.
+    def rewind(self, key: OrderKey) -> list[Keyed]:
+        """Go back to the newest checkpoint before ``key``; return what has to be folded again.
 
-        Returns what has to be folded again and the time of the first output that this undoes, if
-        there is one. Nothing happens when ``key`` is the newest.
+        Nothing happens when ``key`` is the newest.
         """
-        if self.state.last_key is None or key > self.state.last_key:
-            return [], None
+        if _is_before(self.state, key):
+            return []
         while len(self._checkpoints) > 1 and not _is_before(self._checkpoints[-1], key):
             self._checkpoints.pop()
         self.state = self._checkpoints[-1]
         kept = self._count_folded(self.state)
         undone = self._folded[kept:]
         del self._folded[kept:]
-        first_s = next((f.first_output_s for f in undone if f.first_output_s is not None), None)
-        return [f.keyed for f in undone], first_s
+        return undone
 
     def push(self, keyed: Keyed, site: SiteModel, params: Params) -> tuple[Output, ...]:
         """Fold the next observation in order and return its outputs."""
         self._keep_checkpoint(keyed.key[0])
         self.state, outputs = self._fold.advance(self.state, keyed.observation, site, params)
-        self._folded.append(_Folded(keyed, outputs[0].time_s if outputs else None))
+        self._folded.append(keyed)
         self._forget(keyed.key[0] - self._length_s)
         return outputs
 
@@ -103,7 +95,7 @@ class ReorderWindow:
     def _count_folded(self, state: SessionState) -> int:
         if state.last_key is None:
             return 0
-        return bisect_right(self._folded, state.last_key, key=lambda f: f.keyed.key)
+        return bisect_right(self._folded, state.last_key, key=lambda keyed: keyed.key)
 
 
 def merge(fresh: list[Keyed], undone: list[Keyed]) -> list[Keyed]:

@@ -15,8 +15,6 @@ from app.sessions.window import Keyed, ReorderWindow, merge
 
 # Event times count from the Unix epoch: nothing is older.
 BEGINNING_S = 0.0
-# Stored times differ by at least this: phones tell milliseconds, databases keep microseconds.
-RESOLUTION_S = 1e-6
 
 # The site and the parameters as they are now.
 World = Callable[[], tuple[SiteModel, Params]]
@@ -54,8 +52,7 @@ class DeviceSession:
         everything = await _sort_all(_observations(batches), self._limits.fold_chunk)
         todo = [k for k in everything if state.last_key is None or k.key > state.last_key]
         outputs = await self._fold_all(self._window, todo)
-        from_s = min([_first_time_not_stored(state), *(o.time_s for o in outputs[:1])])
-        self._ports.tracks.replace_from(self.record.session_id, from_s, _points(outputs))
+        self._replace_outputs(outputs)
 
     @property
     def provisional(self) -> bool:
@@ -92,10 +89,12 @@ class DeviceSession:
         self._unconfirmed.discard(batch.seq)
         if not fresh:
             return False
-        undone, undone_s = self._window.rewind(fresh[0].key)
-        todo = merge(fresh, undone)
-        outputs = await self._fold_all(self._window, todo)
-        self._store(outputs, undone_s)
+        undone = self._window.rewind(fresh[0].key)
+        outputs = await self._fold_all(self._window, merge(fresh, undone))
+        if undone:
+            self._replace_outputs(outputs)
+        elif points := _points(outputs):
+            self._ports.tracks.write(self.record.session_id, points)
         return True
 
     async def settle(self) -> None:
@@ -108,7 +107,7 @@ class DeviceSession:
         outputs = await self._fold_all(window, everything)
         self._window = window
         self._doubtful = False
-        self._ports.tracks.replace_from(self.record.session_id, BEGINNING_S, _points(outputs))
+        self._replace_from(BEGINNING_S, outputs)
 
     async def finish(self) -> None:
         """Store the final track, its last point too, and mark it as final."""
@@ -126,13 +125,14 @@ class DeviceSession:
             await self._ports.snapshots.save(self.record.session_id, checkpoint)
             self._saved_s = _time_s(checkpoint)
 
-    def _store(self, outputs: list[Output], undone_s: float | None) -> None:
-        session_id, points = self.record.session_id, _points(outputs)
-        if undone_s is not None:
-            from_s = min(undone_s, outputs[0].time_s) if outputs else undone_s
-            self._ports.tracks.replace_from(session_id, from_s, points)
-        elif points:
-            self._ports.tracks.write(session_id, points)
+    def _replace_outputs(self, outputs: list[Output]) -> None:
+        # The first output after a state is of the same second, whatever is folded next: these
+        # stand for all that was ever put out after the state they were folded from.
+        if outputs:
+            self._replace_from(outputs[0].time_s, outputs)
+
+    def _replace_from(self, from_s: float, outputs: list[Output]) -> None:
+        self._ports.tracks.replace_from(self.record.session_id, from_s, _points(outputs))
 
     async def _fold_all(self, window: ReorderWindow, todo: list[Keyed]) -> list[Output]:
         site, params = self._world()
@@ -166,11 +166,3 @@ def _points(outputs: Iterable[Output]) -> tuple[TrackPoint, ...]:
 
 def _time_s(state: SessionState) -> float:
     return -math.inf if state.last_key is None else state.last_key[0]
-
-
-def _first_time_not_stored(state: SessionState) -> float:
-    # The points up to a state lie on whole seconds up to its time. What is stored after them, be it
-    # the last point of a track that was final once, is not of this state.
-    if state.last_key is None:
-        return BEGINNING_S
-    return math.floor(state.last_key[0]) + RESOLUTION_S

@@ -144,6 +144,7 @@ class MemoryLog:
     refusing_after_commit: bool = False
     dying_after_commit: bool = False
     gate: asyncio.Event | None = None
+    turns: Callable[[LoggedBatch], int] = lambda batch: 1
     reads: int = 0
 
     async def open_session(self, record: SessionRecord) -> SessionRecord:
@@ -158,7 +159,8 @@ class MemoryLog:
         ]
 
     async def append(self, batch: LoggedBatch) -> LoggedBatch:
-        await asyncio.sleep(0)
+        for _ in range(self.turns(batch)):
+            await asyncio.sleep(0)
         if self.gate is not None:
             await self.gate.wait()
         if self.refusing:
@@ -197,6 +199,7 @@ class MemoryHistory:
         self.snapshots: dict[str, SessionState] = {}
         self.queue: list[Callable[[], None]] = []
         self.refusing = False
+        self.saved = 0
 
     def write(self, session_id: str, points: Sequence[TrackPoint]) -> None:
         self.queue.append(lambda: self._store(session_id, points))
@@ -212,6 +215,7 @@ class MemoryHistory:
     async def save(self, session_id: str, state: SessionState) -> None:
         self.queue.append(lambda: self.snapshots.update({session_id: state}))
         await self.flush()
+        self.saved += 1
 
     async def load(self, session_id: str) -> SessionState | None:
         return self.snapshots.get(session_id)

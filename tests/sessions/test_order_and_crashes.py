@@ -190,4 +190,4 @@ async def test_a_long_refolding_lets_others_run() -> None:
     while not settling.done():
         turns += 1
         await asyncio.sleep(0)
-    assert turns > 400 / 8
+    assert turns >= 400 / 8 * 2, "both sorting and folding give way"

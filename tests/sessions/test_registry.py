@@ -64,6 +64,17 @@ async def test_the_same_batch_again_gets_the_stored_answer_and_is_folded_once() 
     assert again == replace(first, duplicate=True)
 
 
+async def test_an_old_batch_sent_again_is_no_reason_to_fold_the_log_again() -> None:
+    server = Server()
+    walk = steps_at(0.0, 100.0, 101.5)
+    await server.registry.submit(batch_of(walk[:1], 0))
+    await server.registry.submit(batch_of(walk[1:], 1))
+    assert (await server.registry.submit(batch_of(walk[:1], 0))).duplicate
+    await server.run_idle()
+    assert server.track() == straight_track(walk, ChainFold())
+    assert server.log.reads == 0
+
+
 async def test_the_same_seq_with_other_records_is_a_conflict() -> None:
     server = Server()
     await server.registry.submit(batch_of(steps_at(1.0)))
@@ -83,6 +94,7 @@ async def test_copies_of_a_batch_in_flight_are_folded_once() -> None:
 
 async def test_batches_of_one_device_are_served_in_the_order_of_their_coming() -> None:
     server = Server()
+    server.log.turns = lambda batch: 40 - 3 * batch.seq
     walk = steps_at(*range(12))
     replies = await asyncio.gather(
         *(server.registry.submit(batch_of([o], seq)) for seq, o in enumerate(walk))
@@ -197,6 +209,13 @@ async def test_the_clock_is_frozen_by_the_first_batch() -> None:
     assert reply.output.time_s == START_S + 1.0
 
 
+async def test_snapshots_are_taken_at_their_pace() -> None:
+    server = Server(SessionLimits(snapshot_every_s=30.0))
+    for seq, observation in enumerate(steps_at(*range(100))):
+        await server.registry.submit(batch_of([observation], seq))
+    assert server.history.saved == 4
+
+
 async def test_a_silent_session_sleeps_in_its_snapshot_and_wakes_without_refolding() -> None:
     server = Server()
     walk = steps_at(*range(100), 100.5)
@@ -248,7 +267,8 @@ async def test_unfinished_sessions_of_an_earlier_process_are_finished_when_idle(
     assert server.track() == straight_track(walk, ChainFold())
 
 
-async def test_a_phone_that_comes_back_to_a_finished_session_opens_it_again() -> None:
+@pytest.mark.parametrize("killed", [True, False])
+async def test_a_phone_that_comes_back_to_a_finished_session_opens_it_again(killed: bool) -> None:
     server = Server()
     walk = steps_at(*range(10), 10.5, *range(600, 610), 610.25, 4.5)
     await server.registry.submit(batch_of(walk[:11], 0))
@@ -256,7 +276,8 @@ async def test_a_phone_that_comes_back_to_a_finished_session_opens_it_again() ->
     assert server.log.sessions["phone", "walk"].finished
     await server.registry.submit(batch_of(walk[11:], 1))
     assert not server.log.sessions["phone", "walk"].finished
-    await server.kill(written=1)
+    if killed:
+        await server.kill(written=1)
     await server.run_idle()
     assert server.log.sessions["phone", "walk"].finished
     assert server.track() == straight_track(walk, ChainFold())
