@@ -72,11 +72,6 @@ class Database:
         self._writer.start()
 
     @property
-    def dialect(self) -> str:
-        """Return ``sqlite`` or ``postgresql``."""
-        return self._writing.dialect.name
-
-    @property
     def waiting(self) -> int:
         """Return how many writes wait."""
         return len(self._queue)
