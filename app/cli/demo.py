@@ -24,7 +24,7 @@ from app.config import Settings
 from app.core import engine
 from app.core.params import Params
 from app.core.simulate import Warehouse, walk, warehouse
-from app.main import create_app
+from app.main import create_app, uvicorn_options
 from app.services.access import Role
 from app.services.demo import install_warehouse
 from app.services.tokens import hash_token, new_token
@@ -87,8 +87,7 @@ def demo(
                 status.update(f"{phones} phones are walking; Ctrl-C stops the demo")
                 asyncio.run(_walk(fleet, seconds))
     except KeyboardInterrupt:
-        pass
-    console.print("Stopped.")
+        console.print("Stopped.")
 
 
 def role_of_phones(speed: float) -> Role:
@@ -171,12 +170,9 @@ def _warm_up(world: Warehouse) -> None:
 @contextmanager
 def _serving(settings: Settings, listening: socket.socket) -> Iterator[str]:
     """Run the real server in a thread of its own, and stop it in the end."""
-    config = uvicorn.Config(
-        create_app(settings),
-        log_level="warning",
-        access_log=False,
-        timeout_graceful_shutdown=1,
-    )
+    # Whoever watches is cut off after a second: Ctrl-C is to be over at once.
+    options = uvicorn_options(settings) | {"log_level": "warning", "timeout_graceful_shutdown": 1}
+    config = uvicorn.Config(create_app(settings), **options)
     server = uvicorn.Server(config)
     thread = threading.Thread(target=server.run, args=([listening],), name="server", daemon=True)
     thread.start()
