@@ -4,15 +4,21 @@ from fastapi import FastAPI
 from starlette.middleware.cors import CORSMiddleware
 
 from app.api import (
+    beacon_tables,
     beacons,
+    devices,
     floors,
+    georeference,
     health,
     ingest,
     locate,
     login,
     phones,
+    radio_maps,
     sites,
     stream,
+    tokens,
+    tracks,
 )
 from app.api.context import ApiContext
 from app.api.errors import install_handlers
@@ -28,8 +34,14 @@ ROUTERS = (
     locate.router,
     stream.router,
     sites.router,
+    georeference.router,
     floors.router,
+    beacon_tables.router,
     beacons.router,
+    radio_maps.router,
+    tokens.router,
+    devices.router,
+    tracks.router,
 )
 
 

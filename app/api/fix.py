@@ -5,6 +5,7 @@ from datetime import UTC, datetime
 from typing import Any
 
 from app.core.geometry import wrap_angle
+from app.core.georeference import Georeference
 from app.core.types import NoFix, Output, TrackPoint
 
 Json = dict[str, Any]
@@ -23,10 +24,18 @@ def heading_deg_of(heading_rad: float | None) -> float | None:
     return round(math.degrees(wrap_angle(math.pi / 2.0 - heading_rad)) % 360.0, 2) % 360.0
 
 
-def fix_json(device_id: str | None, site_id: str, point: TrackPoint) -> Json:
-    """Return the JSON of a track point; ``age_s`` is as of the point's own time."""
+def fix_json(
+    device_id: str | None,
+    site_id: str,
+    point: TrackPoint,
+    georeference: Georeference | None = None,
+) -> Json:
+    """Return the JSON of a track point; ``age_s`` is as of the point's own time.
+
+    ``lat`` and ``lon`` are there when the site is on the globe.
+    """
     xx, xy, yy = point.covariance_m2
-    return {
+    fix: Json = {
         "device_id": device_id,
         "time": iso_time(point.time_s),
         "site_id": site_id,
@@ -49,12 +58,20 @@ def fix_json(device_id: str | None, site_id: str, point: TrackPoint) -> Json:
         },
         "age_s": point.age_s,
     }
+    if georeference is not None:
+        fix["lat"], fix["lon"] = georeference.to_wgs84(point.x_m, point.y_m)
+    return fix
 
 
-def output_json(device_id: str | None, site_id: str, output: Output | None) -> Json:
+def output_json(
+    device_id: str | None,
+    site_id: str,
+    output: Output | None,
+    georeference: Georeference | None = None,
+) -> Json:
     """Return ``{"fix": ...}``, and beside an absent fix ``{"no_fix": {"reason": ...}}``."""
     if isinstance(output, TrackPoint):
-        return {"fix": fix_json(device_id, site_id, output)}
+        return {"fix": fix_json(device_id, site_id, output, georeference)}
     if isinstance(output, NoFix):
         return {
             "fix": None,
@@ -63,10 +80,12 @@ def output_json(device_id: str | None, site_id: str, output: Output | None) -> J
     return {"fix": None, "no_fix": {"reason": "nothing_observed", "time": None}}
 
 
-def report_json(device_id: str, site_id: str, output: Output) -> Json:
+def report_json(
+    device_id: str, site_id: str, output: Output, georeference: Georeference | None = None
+) -> Json:
     """Return what live streams tell of a device: its fix, or why it has none."""
     if isinstance(output, TrackPoint):
-        return fix_json(device_id, site_id, output)
+        return fix_json(device_id, site_id, output, georeference)
     return {
         "device_id": device_id,
         "time": iso_time(output.time_s),

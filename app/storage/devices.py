@@ -2,10 +2,10 @@
 
 from dataclasses import dataclass
 
-from sqlalchemy import Connection, RowMapping, delete, select
+from sqlalchemy import Connection, RowMapping, Select, delete, func, select
 
 from app.storage.rows import update_row
-from app.storage.tables import DEVICES
+from app.storage.tables import DEVICES, OBSERVATION_BATCHES, SESSIONS
 from app.storage.tokens import delete_tokens_of_device
 
 
@@ -17,6 +17,8 @@ class StoredDevice:
     ----------
     site_id
         Where it was last, None if the site is gone.
+    last_seen_s
+        When its newest batch came.
     level_offset_db
         Added to every level it reports.
     """
@@ -38,7 +40,7 @@ def list_devices(
     connection: Connection, *, site_id: str | None, after: str | None, limit: int
 ) -> list[StoredDevice]:
     """Return up to ``limit + 1`` devices by id, of one site or all."""
-    query = select(DEVICES).order_by(DEVICES.c.id).limit(limit + 1)
+    query = _devices().order_by(DEVICES.c.id).limit(limit + 1)
     if site_id is not None:
         query = query.where(DEVICES.c.site_id == site_id)
     if after is not None:
@@ -48,7 +50,7 @@ def list_devices(
 
 def get_device(connection: Connection, device_id: str) -> StoredDevice | None:
     """Return a device, None if there is none of this id."""
-    query = select(DEVICES).where(DEVICES.c.id == device_id)
+    query = _devices().where(DEVICES.c.id == device_id)
     row = connection.execute(query).mappings().one_or_none()
     return None if row is None else _device(row)
 
@@ -68,6 +70,35 @@ def erase_device(connection: Connection, device_id: str) -> None:
     """Remove a device with everything it posted, its tracks and its own tokens."""
     delete_tokens_of_device(connection, device_id)
     connection.execute(delete(DEVICES).where(DEVICES.c.id == device_id))
+
+
+def sites_of_sessions(connection: Connection, device_id: str) -> dict[str, str]:
+    """Return the site of every session of a device."""
+    query = select(SESSIONS.c.id, SESSIONS.c.site_id).where(SESSIONS.c.device_id == device_id)
+    return {row.id: row.site_id for row in connection.execute(query)}
+
+
+def _devices() -> Select[tuple[object, ...]]:
+    """Select devices; their column of that name is written once a minute only."""
+    newest_session = (
+        select(SESSIONS.c.id)
+        .where(SESSIONS.c.device_id == DEVICES.c.id)
+        .order_by(SESSIONS.c.opened_s.desc())
+        .limit(1)
+        .correlate(DEVICES)
+        .scalar_subquery()
+    )
+    newest_batch_s = (
+        select(OBSERVATION_BATCHES.c.received_s)
+        .where(OBSERVATION_BATCHES.c.session_id == newest_session)
+        .order_by(OBSERVATION_BATCHES.c.seq.desc())
+        .limit(1)
+        .correlate(DEVICES)
+        .scalar_subquery()
+    )
+    others = (column for column in DEVICES.c if column.name != "last_seen_s")
+    seen_s = func.coalesce(newest_batch_s, DEVICES.c.last_seen_s)
+    return select(*others, seen_s.label("last_seen_s"))
 
 
 def _device(row: RowMapping) -> StoredDevice:
