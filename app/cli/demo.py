@@ -15,6 +15,7 @@ from typing import Annotated
 import typer
 import uvicorn
 from rich.console import Console
+from rich.status import Status
 from sqlalchemy import Connection
 
 from app.cli.demo_phones import DEVICE_PREFIX, Fleet
@@ -84,10 +85,12 @@ def demo(
                 console.print(f"Database  {where}", soft_wrap=True, highlight=False)
                 link = f"{url}/#token={tokens.dashboard}"
                 console.print(f"Dashboard {link}", soft_wrap=True, highlight=False)
-                status.update(f"{phones} phones are walking; Ctrl-C stops the demo")
-                asyncio.run(_walk(fleet, seconds))
+                status.update(f"{phones} phones set out; Ctrl-C stops")
+                asyncio.run(_walk(fleet, seconds, status))
     except KeyboardInterrupt:
         console.print("Stopped.")
+    else:
+        console.print(f"Done: {fleet.tally.batches} batches, {fleet.tally.fixes} fixes.")
 
 
 def role_of_phones(speed: float) -> Role:
@@ -189,9 +192,17 @@ def _serving(settings: Settings, listening: socket.socket) -> Iterator[str]:
         thread.join(timeout=5.0)
 
 
-async def _walk(fleet: Fleet, seconds: float | None) -> None:
+async def _walk(fleet: Fleet, seconds: float | None, status: Status) -> None:
+    """Let the phones walk, telling how they fare, until the time is up or they are refused."""
+
+    async def tell() -> None:
+        while True:
+            await asyncio.sleep(1.0)
+            status.update(f"{fleet.phones} phones, {fleet.tally.fixes} fixes; Ctrl-C stops")
+
     try:
-        async with asyncio.timeout(seconds):
+        async with asyncio.timeout(seconds), asyncio.TaskGroup() as group:
+            group.create_task(tell())
             await fleet.run()
     except TimeoutError:
         return
