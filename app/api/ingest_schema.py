@@ -12,9 +12,10 @@ MAX_RECORDS = 5000
 MAX_SAMPLES = 2000
 MAX_READINGS = 1000
 
-Name: TypeAlias = Annotated[str, Meta(min_length=1, max_length=64, pattern=r"^[\x21-\x7e]+$")]
+# Python's $ matches before a last line break too, which the look-ahead forbids.
+Name: TypeAlias = Annotated[str, Meta(min_length=1, max_length=64, pattern=r"^[\x21-\x7e]+$(?!\n)")]
 PhoneName: TypeAlias = Annotated[
-    str, Meta(min_length=1, max_length=64, pattern=r"^[A-Za-z0-9][A-Za-z0-9._:@+-]*$")
+    str, Meta(min_length=1, max_length=64, pattern=r"^[A-Za-z0-9][A-Za-z0-9._:@+-]*$(?!\n)")
 ]
 ShortText: TypeAlias = Annotated[str, Meta(max_length=100)]
 ClockMs: TypeAlias = Annotated[

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Iterable
 from enum import StrEnum
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -24,6 +24,7 @@ from app.core.geometry import wrap_angle
 from app.core.types import (
     Barometer,
     BleScan,
+    FloatArray,
     ImuBlock,
     Pedometer,
     Reading,
@@ -42,8 +43,6 @@ _MAX_ACC_MPS2 = 400.0
 _MAX_GYRO_RADPS = 100.0
 _MAX_MAG_UT = 10_000.0
 _QUAT_NORM_TOLERANCE = 0.1
-
-Samples: TypeAlias = npt.NDArray[np.float32]
 
 
 class RecordCode(StrEnum):
@@ -165,7 +164,7 @@ def _imu(index: int, record: ImuRecord) -> IncomingRecord:
         _bounded(_samples(record.acc, 3, count, "acc"), _MAX_ACC_MPS2, "acc"),
         _bounded(_samples(record.gyro, 3, count, "gyro"), _MAX_GYRO_RADPS, "gyro"),
         _bounded(_samples(record.mag, 3, count, "mag"), _MAX_MAG_UT, "mag"),
-        quat_wxyz,
+        quat_wxyz.astype(np.float32),
     )
     return IncomingRecord(index, block, mono_ms is not None)
 
@@ -232,20 +231,18 @@ def _spelled(pointer: str, spell: Callable[..., str], *parts: str | int) -> str:
         raise Refusal(RecordCode.WRONG_FORMAT, pointer, str(error)) from error
 
 
-def _samples(rows: list[Any], width: int, count: int, name: str) -> Samples:
+def _samples(rows: list[Any], width: int, count: int, name: str) -> FloatArray:
     if rows and len(rows) != count:
         raise Refusal(
             RecordCode.LENGTH_MISMATCH, f"/{name}", f"{len(rows)} samples beside {count} of acc"
         )
-    return np.array(rows, dtype=np.float64).reshape(-1, width).astype(np.float32)
+    return np.array(rows, dtype=np.float64).reshape(-1, width)
 
 
-def _bounded(samples: Samples, limit: float, name: str) -> Samples:
-    # float32 turns what is too large for it into infinity, which is beyond every limit too.
-    _refuse_first(
-        np.asarray(np.abs(samples).max(axis=1, initial=0.0) > limit), name, f"is beyond {limit:g}"
-    )
-    return samples
+def _bounded(samples: FloatArray, limit: float, name: str) -> npt.NDArray[np.float32]:
+    # Before the narrowing: what float32 cannot hold is beyond every limit.
+    _refuse_first(np.abs(samples).max(axis=1, initial=0.0) > limit, name, f"is beyond {limit:g}")
+    return samples.astype(np.float32)
 
 
 def _refuse_first(wrong: npt.NDArray[np.bool_], name: str, words: str) -> None:
