@@ -118,8 +118,7 @@ class SessionRegistry:
         """Make the stored tracks of the device's unfinished sessions those of everything logged."""
         device = self._devices.get(device_id)
         if device is not None:
-            await device.mailbox.run(lambda: self._settle_all(device))
-        await self._ports.tracks.flush()
+            await device.mailbox.run(partial(self._settle_all, device))
 
     async def erase(self, device_id: str, remove: Callable[[], Awaitable[None]]) -> None:
         """Forget a device; ``remove`` runs after its earlier batches and before its later ones."""
@@ -269,6 +268,7 @@ class SessionRegistry:
             if self._has_site(slot):
                 session = await self._awake(slot)
                 await session.settle()
+        await self._ports.tracks.flush()
 
     def _post(self, device: _Device, job: Callable[[], Awaitable[None]]) -> "asyncio.Task[None]":
         # One device's trouble is not the others': it is logged, and the next batch or sweep tries

@@ -2,10 +2,9 @@
 
 import math
 from bisect import bisect_right
-from collections.abc import Iterable
 from dataclasses import dataclass
 
-from app.core.engine import OrderKey, SessionState, order_key
+from app.core.engine import OrderKey, SessionState
 from app.core.params import Params
 from app.core.site import SiteModel
 from app.core.types import Observation, Output
@@ -39,17 +38,16 @@ class ReorderWindow:
         """The oldest state kept: nothing before it can change any more."""
         return self._checkpoints[0]
 
-    def sort(self, observations: Iterable[Observation]) -> tuple[list[Keyed], bool]:
-        """Return the unknown observations that fit the window, in order; tell if any is too late.
+    def sift(self, arrived: list[Keyed]) -> tuple[list[Keyed], bool]:
+        """Return the unknown observations that fit the window; tell if any is too late for it.
 
         An observation older than the window counts as late even if it was folded once: the window
         no longer knows it.
         """
         known = {keyed.key for keyed in self._folded}
-        keyed = {key: o for o in observations if (key := order_key(o)) not in known}
         oldest = self.checkpoint.last_key
-        fresh = [Keyed(key, keyed[key]) for key in sorted(keyed) if oldest is None or key > oldest]
-        late = oldest is not None and any(key < oldest for key in keyed)
+        fresh = [k for k in arrived if _is_before(self.checkpoint, k.key) and k.key not in known]
+        late = oldest is not None and any(k.key < oldest for k in arrived)
         return fresh, late
 
     def rewind(self, key: OrderKey) -> list[Keyed]:

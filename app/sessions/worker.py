@@ -2,7 +2,7 @@
 
 import asyncio
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 
 from app.core.engine import OrderKey, SessionState, order_key
 from app.core.params import Params
@@ -49,8 +49,7 @@ class DeviceSession:
         self._window = self._new_window(state)
         self._saved_s = _time_s(state)
         self._doubtful = provisional
-        everything = await _sort_all(_observations(batches), self._limits.fold_chunk)
-        todo = [k for k in everything if state.last_key is None or k.key > state.last_key]
+        todo, _ = self._window.sift(await self._sort_all(batches))
         outputs = await self._fold_all(self._window, todo)
         self._replace_outputs(outputs)
 
@@ -84,7 +83,7 @@ class DeviceSession:
 
     async def take(self, batch: LoggedBatch) -> bool:
         """Fold a logged batch; tell whether the state has changed."""
-        fresh, late = self._window.sort(batch.observations)
+        fresh, late = self._window.sift(await self._sort_all([batch]))
         self._doubtful = self._doubtful or late
         self._unconfirmed.discard(batch.seq)
         if not fresh:
@@ -103,8 +102,7 @@ class DeviceSession:
             return
         batches = await self._ports.log.read(self.record.session_id)
         window = self._new_window(self._ports.fold.start())
-        everything = await _sort_all(_observations(batches), self._limits.fold_chunk)
-        outputs = await self._fold_all(window, everything)
+        outputs = await self._fold_all(window, await self._sort_all(batches))
         self._window = window
         self._doubtful = False
         self._replace_from(BEGINNING_S, outputs)
@@ -134,30 +132,29 @@ class DeviceSession:
     def _replace_from(self, from_s: float, outputs: list[Output]) -> None:
         self._ports.tracks.replace_from(self.record.session_id, from_s, _points(outputs))
 
+    async def _sort_all(self, batches: Iterable[LoggedBatch]) -> list[Keyed]:
+        """Return the batches' observations in order, each once."""
+        keyed: dict[OrderKey, Observation] = {}
+        observations = (observation for batch in batches for observation in batch.observations)
+        for done, observation in enumerate(observations, start=1):
+            keyed[order_key(observation)] = observation
+            await self._give_way(done)
+        return [Keyed(key, keyed[key]) for key in sorted(keyed)]
+
     async def _fold_all(self, window: ReorderWindow, todo: list[Keyed]) -> list[Output]:
         site, params = self._world()
         outputs: list[Output] = []
         for done, keyed in enumerate(todo, start=1):
             outputs.extend(window.push(keyed, site, params))
-            if done % self._limits.fold_chunk == 0:
-                await asyncio.sleep(0)
+            await self._give_way(done)
         return outputs
+
+    async def _give_way(self, done: int) -> None:
+        if done % self._limits.fold_chunk == 0:
+            await asyncio.sleep(0)
 
     def _new_window(self, state: SessionState) -> ReorderWindow:
         return ReorderWindow(self._ports.fold, state, self._limits.reorder_window_s)
-
-
-async def _sort_all(observations: Iterable[Observation], chunk: int) -> list[Keyed]:
-    keyed: dict[OrderKey, Observation] = {}
-    for done, observation in enumerate(observations, start=1):
-        keyed[order_key(observation)] = observation
-        if done % chunk == 0:
-            await asyncio.sleep(0)
-    return [Keyed(key, keyed[key]) for key in sorted(keyed)]
-
-
-def _observations(batches: Iterable[LoggedBatch]) -> Iterator[Observation]:
-    return (observation for batch in batches for observation in batch.observations)
 
 
 def _points(outputs: Iterable[Output]) -> tuple[TrackPoint, ...]:

@@ -1,6 +1,8 @@
 """What listeners get: the newest position of each device, every event, or a gap."""
 
 import asyncio
+import gc
+import weakref
 from dataclasses import replace
 
 import pytest
@@ -94,6 +96,15 @@ async def test_a_closed_subscription_hears_nothing_and_releases_its_reader() -> 
     hub.publish("site", "a", _point(1))
     with pytest.raises(StreamClosedError):
         await subscription.next_frames()
+
+
+async def test_the_hub_forgets_closed_subscriptions() -> None:
+    hub = Hub()
+    async with hub.subscribe([Topic.FIXES]) as subscription:
+        there = weakref.ref(subscription)
+    del subscription
+    gc.collect()
+    assert there() is None
 
 
 async def test_a_closing_hub_ends_every_iteration() -> None:

@@ -181,6 +181,24 @@ async def test_an_observation_older_than_the_window_waits_for_the_settling() -> 
 
 
 @pytest.mark.anyio
+@pytest.mark.parametrize("count", range(8))
+async def test_recovery_corrects_what_the_dead_process_stored(count: int) -> None:
+    server = Server()
+    walk = [*steps_at(*range(10)), Steps(START_S + 6.5, count)]
+    await server.registry.submit(batch_of(walk[:10], 0))
+    server.log.dying_after_commit = True
+    with pytest.raises(ProcessDiedError):
+        await server.registry.submit(batch_of(walk[10:], 1))
+    server.log.dying_after_commit = False
+    await server.kill(written=100)
+    await server.registry.submit(batch_of(walk[10:], 1))
+    await server.history.flush()
+    assert server.track() == [
+        p for p in straight_track(walk, ChainFold()) if p.time_s < START_S + 9
+    ]
+
+
+@pytest.mark.anyio
 async def test_a_long_refolding_lets_others_run() -> None:
     server = Server(SessionLimits(fold_chunk=8))
     await server.registry.submit(batch_of(steps_at(*range(400)), 0))
@@ -190,4 +208,4 @@ async def test_a_long_refolding_lets_others_run() -> None:
     while not settling.done():
         turns += 1
         await asyncio.sleep(0)
-    assert turns >= 400 / 8 * 2, "both sorting and folding give way"
+    assert turns >= 400 / 8 * 3, "sorting gives way twice, folding once"

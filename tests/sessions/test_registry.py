@@ -66,10 +66,10 @@ async def test_the_same_batch_again_gets_the_stored_answer_and_is_folded_once() 
 
 async def test_an_old_batch_sent_again_is_no_reason_to_fold_the_log_again() -> None:
     server = Server()
-    walk = steps_at(0.0, 100.0, 101.5)
-    await server.registry.submit(batch_of(walk[:1], 0))
-    await server.registry.submit(batch_of(walk[1:], 1))
-    assert (await server.registry.submit(batch_of(walk[:1], 0))).duplicate
+    walk = steps_at(0.0, 1.0, 100.0, 101.5)
+    await server.registry.submit(batch_of(walk[:2], 0))
+    await server.registry.submit(batch_of(walk[2:], 1))
+    assert (await server.registry.submit(batch_of(walk[:2], 0))).duplicate
     await server.run_idle()
     assert server.track() == straight_track(walk, ChainFold())
     assert server.log.reads == 0
@@ -323,6 +323,13 @@ async def test_a_closed_registry_has_stored_everything() -> None:
     await server.kill(written=0)
     await server.run_idle()
     assert server.track() == straight_track(walk, ChainFold())
+
+
+async def test_what_is_over_leaves_memory() -> None:
+    server = Server()
+    await server.registry.submit(batch_of(steps_at(1.0)))
+    await server.run_idle()
+    assert server.registry._devices == {}
 
 
 async def test_trouble_with_history_does_not_stop_the_phone(
