@@ -31,6 +31,9 @@ WALKING_SPEED_MPS = 1.3
 """Usual speed of a person on foot (indoors 1.0 to 1.5). Where no velocity can be estimated, a
 moving phone may have gone this far, in any direction, between the middle of the window and t*."""
 
+HUBER_ROUNDS = 8
+"""Reweightings of an anchor's mean level; each takes away most of what outliers still pull."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Estimate:
@@ -143,7 +146,7 @@ def _solve(
 
     ``heard`` is anchor, tau (s) and level (dBm) of each reading, sorted by anchor.
     """
-    readings, means = _weighed(heard, table, correlation)
+    readings, means = _weighed(heard, table, priors[0], correlation)
     places = np.empty((len(means[0]), 2))
     for j, i in enumerate(means[0]):
         places[j, 0], places[j, 1] = table[i, X], table[i, Y]
@@ -170,9 +173,9 @@ def _solve(
 
 @njit(cache=True)
 def _weighed(
-    heard: tuple[IntArray, FloatArray, FloatArray], table: FloatArray, correlation: float
+    heard: tuple[IntArray, FloatArray, FloatArray], table: FloatArray, k: float, correlation: float
 ) -> tuple[Rows, Rows]:
-    """Return the readings with their precisions, and their means per anchor with theirs.
+    """Return the readings with their precisions, and their robust means per anchor with theirs.
 
     M readings with correlation rho count as ``M / (1 + rho (M - 1))`` independent ones (Kish's
     design effect); each gets its share of that.
@@ -189,12 +192,27 @@ def _weighed(
         count = j + 1 - first
         effect = 1.0 + correlation * (count - 1)
         precision[first : j + 1] = 1.0 / (table[anchor[j], SIGMA] * np.sqrt(effect))
-        which[groups], level[groups] = anchor[j], rssi_dbm[first : j + 1].mean()
+        which[groups] = anchor[j]
+        level[groups] = _huber_mean(rssi_dbm[first : j + 1], k * table[anchor[j], SIGMA])
         level_precision[groups] = precision[j] * np.sqrt(count)
         groups, first = groups + 1, j + 1
     tau_zero = np.zeros(groups)
     means = (which[:groups], tau_zero, level[:groups], level_precision[:groups])
     return (anchor, tau_s, rssi_dbm, precision), means
+
+
+@njit(cache=True)
+def _huber_mean(values: FloatArray, bound: float) -> float:
+    """Return the mean of values that count less the farther, beyond a bound, they are from it."""
+    mean = values.mean()
+    for _ in range(HUBER_ROUNDS):
+        weighted, total = 0.0, 0.0
+        for value in values:
+            weight = bound / max(abs(value - mean), bound)
+            weighted += weight * value
+            total += weight
+        mean = weighted / total
+    return float(mean)
 
 
 @njit(cache=True)
