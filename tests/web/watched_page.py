@@ -53,7 +53,7 @@ class WatchedPage:
         """Return the value of a JavaScript expression (or function of the argument) in the page."""
         return self.page.evaluate(expression, argument)
 
-    def until(self, expression: str, argument: object = None, *, timeout_s: float = 10.0) -> Any:
+    def until(self, expression: str, argument: object = None, *, timeout_s: float = 20.0) -> Any:
         """Wait until the expression is true and return it.
 
         Playwright's own wait needs `eval` in the page, which the page's policy forbids.

@@ -7,7 +7,7 @@
 export const STATUSES = ["live", "stale", "offline"];
 
 const LIVE_MS = 15_000; // a phone posts every second or two; Wi-Fi scans may be 8 s apart
-const OFFLINE_MS = 120_000;
+const OFFLINE_MS = 300_000;
 const TRAIL_MS = 60_000;
 const LONGEST_GLIDE_MS = 1_000;
 const SHORTEST_GLIDE_MS = 150;

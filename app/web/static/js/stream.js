@@ -3,7 +3,7 @@
 const PROTOCOL = "pharos.v1";
 const SUBSCRIPTION = "s1";
 const FIRST_DELAY_MS = 500;
-const LONGEST_DELAY_MS = 15_000;
+const LONGEST_DELAY_MS = 8_000;
 const PING_MS = 10_000;
 const SILENCE_MS = 30_000;
 
