@@ -53,10 +53,13 @@ def match_beacons(
 ) -> SessionState:
     """Match advertisements alone, for phones that cannot scan Wi-Fi (iPhones) or may not now.
 
-    Where the beacons' positions are registered lateration does it instead.
+    A phone that has just begun may still scan. Where the beacons' positions are registered
+    lateration does it instead.
     """
     radio_map = site.radio_map
-    lately = state.wifi_s is not None and scan.time_s - state.wifi_s <= params.match.wifi_gap_s
+    began_s = scan.time_s if state.began_s is None else state.began_s
+    since_s = began_s if state.wifi_s is None else state.wifi_s
+    lately = scan.time_s - since_s <= params.match.wifi_gap_s
     if radio_map is None or lately or len(state.window):
         return state
     query = Query({}, mean_ble_dbm(state.heard, first_of(radio_map.column_by_key)))

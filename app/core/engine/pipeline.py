@@ -70,6 +70,7 @@ def advance(
             last_key=order_key(observation),
             latest_s=max(event_time_s(observation), time_s, state.latest_s or time_s),
             now_s=time_s,
+            began_s=time_s if state.began_s is None else state.began_s,
             motion=decided(state.motion, time_s, params.motion_mode),
         ),
         outputs,

@@ -42,8 +42,8 @@ class SessionState:
         Strides found in an inertial block that lie after ``now_s``.
     phone_steps_s
         When the phone last told steps itself: its own detector is believed before ours.
-    wifi_s
-        When Wi-Fi was last scanned.
+    began_s, wifi_s
+        When the session's first observation was made; when Wi-Fi was last scanned.
     heard, window
         Recent advertisements for fingerprints, recent levels of anchors for lateration.
     track
@@ -65,6 +65,7 @@ class SessionState:
     motion: MotionState = field(default_factory=MotionState)
     pending: tuple[Stride, ...] = ()
     phone_steps_s: float | None = None
+    began_s: float | None = None
     wifi_s: float | None = None
     heard: tuple[Advertisement, ...] = ()
     window: Window = field(default_factory=Window)
