@@ -20,6 +20,7 @@ import shapely
 from shapely.geometry import LineString, shape
 from shapely.geometry.base import BaseGeometry
 
+from app.core.georeference import ControlPoint
 from app.core.types import FloatArray
 from app.formats.floor_map import floor_map_document
 from app.formats.ms2020 import trace_paths
@@ -29,16 +30,6 @@ LonLatBox: TypeAlias = tuple[float, float, float, float]
 
 class BuildingFolderError(ValueError):
     """The folder is not a building of this format; the message says which file and why."""
-
-
-@dataclass(frozen=True, slots=True)
-class ControlPoint:
-    """A place known in the building frame and on the globe."""
-
-    x_m: float
-    y_m: float
-    lon_deg: float
-    lat_deg: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,7 +179,7 @@ def _outer_walls(areas: Iterable[BaseGeometry]) -> Iterator[BaseGeometry]:
 def _corners(drawing: _Drawing, floor: FloorFolder) -> Iterator[ControlPoint]:
     west, south, east, north = drawing.box
     x1_m, y1_m = floor.x0_m + floor.width_m, floor.y0_m + floor.height_m
-    yield ControlPoint(floor.x0_m, floor.y0_m, west, south)
-    yield ControlPoint(x1_m, floor.y0_m, east, south)
-    yield ControlPoint(floor.x0_m, y1_m, west, north)
-    yield ControlPoint(x1_m, y1_m, east, north)
+    yield ControlPoint(floor.x0_m, floor.y0_m, south, west)
+    yield ControlPoint(x1_m, floor.y0_m, south, east)
+    yield ControlPoint(floor.x0_m, y1_m, north, west)
+    yield ControlPoint(x1_m, y1_m, north, east)
