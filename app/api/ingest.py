@@ -93,7 +93,10 @@ async def _take(context: ApiContext, principal: Principal, body: bytes) -> dict[
         profile=batch.profile,
     )
     site_id, submitted = await context.ingest.submit(principal, upload)
-    return _reply(batch.device.id, site_id, submitted, context.clock.now_s())
+    output = output_json(
+        batch.device.id, site_id, submitted.output, context.directory.georeference(site_id)
+    )
+    return _reply(submitted, output, context.clock.now_s())
 
 
 def _clock_report(clock: PhoneClock) -> ClockReport:
@@ -105,12 +108,12 @@ def _clock_report(clock: PhoneClock) -> ClockReport:
     )
 
 
-def _reply(device_id: str, site_id: str, submitted: Submitted, now_s: float) -> dict[str, Any]:
+def _reply(submitted: Submitted, output: dict[str, Any], now_s: float) -> dict[str, Any]:
     return {
         "accepted": submitted.accepted,
         "rejected": [rejection_json(rejection) for rejection in submitted.rejected],
         "ignored": submitted.ignored,
         "duplicate": submitted.duplicate,
-        **output_json(device_id, site_id, submitted.output),
+        **output,
         "server_ms": round(now_s * 1000.0),
     }

@@ -34,8 +34,9 @@ async def post_locate(
     if len({record.monotonic for record in records.accepted}) > 1:
         raise invalid_field(pointer="#/records", detail="use t_ms or mono_ms, not both")
     located = await locate(site, params, (record.observation for record in records.accepted))
+    georeference = context.directory.georeference(site.site_id)
     reply = {
-        **output_json(None, site.site_id, located.output),
+        **output_json(None, site.site_id, located.output, georeference),
         "alternatives": [
             {"floor_id": a.floor_id, "x": a.x_m, "y": a.y_m, "weight": a.weight}
             for a in located.alternatives

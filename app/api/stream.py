@@ -20,6 +20,7 @@ from app.api.context import ApiContext, context_of
 from app.api.fix import report_json
 from app.api.ingest_decode import decode_body
 from app.api.socket import GOING_AWAY, TOO_SLOW, admit, close_socket, next_text
+from app.core.types import Output
 from app.services.errors import AppError
 from app.sessions.hub import (
     Frames,
@@ -170,7 +171,7 @@ class _Listener:
     def _snapshot(self, wanted: StreamFilter) -> list[dict[str, Any]]:
         site_ids = [wanted.site_id] if wanted.site_id else self._context.directory.site_ids()
         return [
-            report_json(device_id, site_id, output)
+            self._report(device_id, site_id, output)
             for site_id in site_ids
             for device_id, output in self._context.registry.latest_at(site_id).items()
             if wanted.covers(site_id, device_id) and wanted.shows(output)
@@ -182,19 +183,31 @@ class _Listener:
                 frames = await subscription.next_frames()
                 # Asked again each time: a token may be revoked while its socket is open.
                 await identify(self._websocket)
-                for frame in _event_frames(name, frames):
+                for frame in self._event_frames(name, frames):
                     await self._send(frame)
                 await asyncio.sleep(pause_s)
         except StreamGapError as gap:
             await self._end(TOO_SLOW, str(gap))
         except StreamClosedError:
-            if name in self._subscriptions:
+            if self._subscriptions.get(name) is subscription:
                 await self._end(GOING_AWAY, "the server goes down")
         except AppError as refused:
             await close_socket(self._websocket, refused)
         except WebSocketDisconnect:
             # The reading side notices too and ends everything.
             return
+
+    def _event_frames(self, name: str, frames: Frames) -> Iterator[dict[str, Any]]:
+        for event in frames.events:
+            eid = str(event.event_id)
+            yield {"op": "event", "id": name, "eid": eid, "data": [event.content]}
+        if frames.outputs:
+            reports = [self._report(o.device_id, o.site_id, o.output) for o in frames.outputs]
+            yield {"op": "event", "id": name, "data": reports}
+
+    def _report(self, device_id: str, site_id: str, output: Output) -> dict[str, Any]:
+        georeference = self._context.directory.georeference(site_id)
+        return report_json(device_id, site_id, output, georeference)
 
     async def _send(self, frame: dict[str, Any]) -> None:
         await self._websocket.send_text(msgspec.json.encode(frame).decode())
@@ -217,15 +230,6 @@ def _scoped(wanted: Wanted, principal: Principal) -> StreamFilter:
     return StreamFilter(
         site_id, None if device_ids is None else frozenset(device_ids), wanted.floor_id
     )
-
-
-def _event_frames(name: str, frames: Frames) -> Iterator[dict[str, Any]]:
-    for event in frames.events:
-        eid = str(event.event_id)
-        yield {"op": "event", "id": name, "eid": eid, "data": [event.content]}
-    if frames.outputs:
-        reports = [report_json(o.device_id, o.site_id, o.output) for o in frames.outputs]
-        yield {"op": "event", "id": name, "data": reports}
 
 
 def _name_in(body: bytes) -> str | None:

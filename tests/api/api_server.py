@@ -63,7 +63,9 @@ class ApiServer:
         """Return a client with the token of that name; None: without one."""
         headers = {} if bearer is None else {"Authorization": f"Bearer {self.secrets[bearer]}"}
         transport = httpx.ASGITransport(self.app, raise_app_exceptions=False)
-        return httpx.AsyncClient(transport=transport, base_url="http://pharos.test", headers=headers)
+        return httpx.AsyncClient(
+            transport=transport, base_url="http://pharos.test", headers=headers
+        )
 
 
 def fill(database_url: str) -> dict[str, str]:

@@ -345,7 +345,7 @@ REJECTED: list[tuple[str, object, str, str]] = [
     ("bssid too long", wifi(bssid="02" * 17), "too_long", "/aps/0/bssid"),
     ("bssid too short", wifi(bssid="02:42:ac"), "wrong_format", "/aps/0/bssid"),
     ("bssid not hexadecimal", wifi(bssid="zz:42:ac:11:00:01"), "wrong_format", "/aps/0/bssid"),
-    ("bssid of other digits", wifi(bssid="٠٢42ac110001"), "wrong_format", "/aps/0/bssid"),
+    ("bssid of other digits", wifi(bssid="\u0660\u066242ac110001"), "wrong_format", "/aps/0/bssid"),
     (
         "no rssi",
         {"k": "wifi", "t_ms": NOW_MS, "aps": [{"bssid": "0242ac110001"}]},
