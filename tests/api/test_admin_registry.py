@@ -26,7 +26,7 @@ def collection(*features: dict) -> dict:
 
 def png(width: int = 4, height: int = 2) -> bytes:
     out = io.BytesIO()
-    Image.new("RGB", (width, height), "white").save(out, "PNG")
+    Image.new("1", (width, height), "white").save(out, "PNG")
     return out.getvalue()
 
 

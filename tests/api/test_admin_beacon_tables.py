@@ -1,0 +1,105 @@
+"""Import and export of beacons as tables."""
+
+import pytest
+from api_server import ApiServer
+
+pytestmark = pytest.mark.anyio
+
+IMPORT = "/v1/beacons/import"
+HEADER = "beacon_id,kind,floor_id,x,y,keys,ref_level_dbm\n"
+CSV = {"Content-Type": "text/csv"}
+
+
+async def test_an_export_imports_as_unchanged_in_both_formats(server: ApiServer) -> None:
+    async with server.client() as admin:
+        for media_type in ("text/csv", "application/json"):
+            exported = await admin.get(
+                "/v1/beacons/export", params={"site_id": "lab"}, headers={"Accept": media_type}
+            )
+            assert exported.headers["Content-Type"].startswith(media_type)
+            reply = await admin.post(
+                IMPORT,
+                params={"site_id": "lab"},
+                content=exported.content,
+                headers={"Content-Type": media_type},
+            )
+            assert reply.json() == {
+                "dry_run": False,
+                "created": 0,
+                "updated": 0,
+                "unchanged": 5,
+                "refused": [],
+            }
+
+
+async def test_an_import_adds_changes_and_lists_what_it_refuses(server: ApiServer) -> None:
+    table = (
+        f"{HEADER}"
+        "n1,ble,lab-0,1,1,mac:a4c138000001,-60\n"
+        "b1,ble,lab-0,0.5,0,mac:a4c138000002,-61\n"
+        "n2,ble,lab-9,1,1,mac:a4c138000003,-60\n"
+        "n3,ble,lab-0,1,1,mac:a4c138000001,-60\n"
+        "n1,ble,lab-0,1,1,mac:a4c138000005,-60\n"
+        "n4,ble,lab-0,1,1,mac:a4c138000006,900\n"
+        "n5,ble,lab-0,one,1,mac:a4c138000007,-60\n"
+    )
+    async with server.client() as admin:
+        for dry_run in (True, False):
+            before = (await admin.get("/v1/sites/lab")).json()["model_version"]
+            params = {"site_id": "lab", "dry_run": dry_run}
+            reply = await admin.post(IMPORT, params=params, content=table, headers=CSV)
+            report = reply.json()
+            assert (report["dry_run"], report["created"], report["updated"]) == (dry_run, 1, 1)
+            refused = {row["line"]: row["detail"] for row in report["refused"]}
+            assert sorted(refused) == [4, 5, 6, 7, 8]
+            assert "lab-9" in refused[4]
+            assert "n1" in refused[5]
+            assert "twice" in refused[6]
+            assert "ref_level_dbm" in refused[7]
+            after = (await admin.get("/v1/sites/lab")).json()["model_version"]
+            assert (after == before) is dry_run
+            status = (await admin.get("/v1/beacons/n1")).status_code
+            assert status == (404 if dry_run else 200)
+        changed = (await admin.get("/v1/beacons/b1")).json()
+    assert (changed["x"], changed["keys"]) == (0.5, ["mac:a4c138000002"])
+
+
+async def test_beacons_may_swap_their_keys_in_one_table(server: ApiServer) -> None:
+    async with server.client() as admin:
+        items = (await admin.get("/v1/beacons/export", params={"site_id": "lab"})).json()["items"]
+        items[0]["keys"], items[1]["keys"] = items[1]["keys"], items[0]["keys"]
+        reply = await admin.post(IMPORT, params={"site_id": "lab"}, json={"items": items})
+        assert (reply.json()["updated"], reply.json()["refused"]) == (2, [])
+        assert (await admin.get("/v1/beacons/b1")).json()["keys"] == items[0]["keys"]
+
+
+async def test_an_import_cannot_take_a_beacon_of_another_site(server: ApiServer) -> None:
+    item = {"beacon_id": "b1", "kind": "ble", "keys": ["mac:a4c138000009"]}
+    async with server.client() as admin:
+        reply = await admin.post(IMPORT, params={"site_id": "annex"}, json=[item])
+        claimed = await admin.post(
+            IMPORT, params={"site_id": "annex"}, json=[{**item, "site_id": "lab"}]
+        )
+        unknown = await admin.post(IMPORT, params={"site_id": "none"}, json=[item])
+    assert "another site" in reply.json()["refused"][0]["detail"]
+    assert claimed.json()["refused"][0]["beacon_id"] == "b1"
+    assert unknown.status_code == 404
+
+
+async def test_what_is_no_table_is_refused(server: ApiServer) -> None:
+    cases = [
+        (b"x,y\n1,2\n", "text/csv", 400),
+        (b"\xff\xfe", "text/csv", 400),
+        (b"{}", "application/json", 400),
+        (b"[", "application/json", 400),
+        (b"[" * 100_000, "application/json", 400),
+        (b"beacon_id", "application/xml", 415),
+        (bytes((20 << 20) + 1), "text/csv", 413),
+    ]
+    async with server.client() as admin:
+        for body, media_type, status in cases:
+            headers = {"Content-Type": media_type}
+            reply = await admin.post(
+                IMPORT, params={"site_id": "lab"}, content=body, headers=headers
+            )
+            assert reply.status_code == status, (media_type, body[:20])
