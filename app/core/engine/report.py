@@ -68,9 +68,9 @@ def radius95_m(xx: float, xy: float, yy: float) -> float:
 
 def _calibrated(covariance: FloatArray, params: Params) -> tuple[float, float, float]:
     """Return the position's covariance with what the filter cannot know, from real walks."""
-    extra = params.report.extra_variance_m2
+    scale, extra = params.report.covariance_scale, params.report.extra_variance_m2
     return (
-        float(covariance[0, 0]) + extra,
-        float(covariance[0, 1]),
-        float(covariance[1, 1]) + extra,
+        scale * float(covariance[0, 0]) + extra,
+        scale * float(covariance[0, 1]),
+        scale * float(covariance[1, 1]) + extra,
     )
