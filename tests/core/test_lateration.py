@@ -120,6 +120,19 @@ def test_hundreds_of_windows_scatter_as_predicted(layout, velocity, place):
 
 
 @pytest.mark.parametrize("kinematic", [False, True])
+def test_a_fix_carries_the_predicted_covariance(kinematic):
+    model, rng = corners_and_middles(), np.random.default_rng(21)
+    place = np.array([4.0]), np.array([5.5])
+    predicted = predicted_covariance(model, *place, Schedule(), kinematic=kinematic)[0]
+    own = [
+        matrix(solve(window_at(model, (4.0, 5.5), rng), model, kinematic=kinematic).fix)
+        for _ in range(100)
+    ]
+    scale = np.trace(predicted)
+    np.testing.assert_allclose(np.median(own, axis=0), predicted / 0.956, atol=0.06 * scale)
+
+
+@pytest.mark.parametrize("kinematic", [False, True])
 @pytest.mark.parametrize("layout", [corners, corners_and_middles])
 def test_over_the_room_the_error_is_the_predicted_one(layout, kinematic):
     model, rng = layout(), np.random.default_rng(11)
@@ -223,6 +236,15 @@ def test_anchors_in_a_row_cover_both_sides():
             assert error @ np.linalg.solve(covariance, error) < 9.21
             assert abs(result.fix.y_m) < 0.2
             assert np.sqrt(covariance[1, 1]) > 0.6 * abs(place[1])
+
+
+def test_beside_a_row_a_walker_may_have_gone_on_since_the_middle_of_the_window():
+    row = level_model(anchors_at(((0.0, 0.0), (5.0, 0.0), (10.0, 0.0), (15.0, 0.0))))
+    window = window_at(row, (6.0, 4.0), np.random.default_rng(10))
+    static = matrix(solve(window, row).fix)
+    kinematic = matrix(solve(window, row, kinematic=True).fix)
+    lag_s = 27 * 0.07 / 2
+    np.testing.assert_allclose(kinematic - static, np.eye(2) * (1.3 * lag_s) ** 2 / 2, atol=1e-9)
 
 
 def test_a_fix_wider_than_allowed_is_none():
