@@ -20,7 +20,9 @@ QUIET = (
 )
 
 
-@pytest.fixture(scope="session")
+# While it is open Playwright keeps an event loop running in this thread, in which async tests of
+# other modules could not run: it must not outlive its module.
+@pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
     """Debian's Chromium with a fresh profile; its absence is a failure only where CI is set."""
     if not CHROMIUM.exists():

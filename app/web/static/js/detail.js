@@ -14,15 +14,14 @@ function factsOf(state, person, nowMs) {
   if (fix === null) return [seen];
   return [
     seen,
-    ["Floor", floorName(state, fix.floor_id)],
-    ["Floor confidence", `${Math.round(fix.floor_confidence * 100)} %`],
+    ["Floor", `${floorName(state, fix.floor_id)}, ${Math.round(fix.floor_confidence * 100)} % sure`],
     ["Position", `${fix.x.toFixed(1)}, ${fix.y.toFixed(1)} m`],
     ["95 % radius", metres(fix.radius95_m)],
     ["Motion", motionWords(fix)],
     ["Method", methodWords(fix)],
     ["Profile", fix.profile],
     ["Used", usedWords(fix.used)],
-    ["Heard before", `${fix.age_s.toFixed(1)} s`],
+    ["Readings", `${fix.age_s.toFixed(1)} s old`],
     ["Zones", fix.zones?.length ? fix.zones.join(", ") : null],
   ].filter(([, words]) => words !== null);
 }

@@ -12,7 +12,7 @@ const OPTIONS = {
   zoom: 0,
   minZoom: -2,
   maxZoom: 7,
-  zoomSnap: 0.25,
+  zoomSnap: 0.1,
   zoomDelta: 0.5,
   wheelPxPerZoomLevel: 120,
   // The canvas of people is drawn anew for each view, never scaled: a zoom is one step.
