@@ -11,7 +11,8 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from starlette.exceptions import HTTPException
 
-from app.services.errors import AppError, ErrorCode, FieldError
+from app.services.errors import AppError, ErrorCode, FieldError, unavailable
+from app.storage.database import DatabaseUnavailableError
 
 __all__ = ["STATUS", "AppError", "ErrorCode", "FieldError", "install_handlers", "problem"]
 
@@ -93,6 +94,7 @@ def install_handlers(app: FastAPI) -> None:
     app.add_exception_handler(AppError, _on_app_error)
     app.add_exception_handler(RequestValidationError, _on_validation_error)
     app.add_exception_handler(HTTPException, _on_http_exception)
+    app.add_exception_handler(DatabaseUnavailableError, _on_outage)
     app.add_exception_handler(Exception, _on_unexpected)
 
 
@@ -140,6 +142,11 @@ async def _on_http_exception(request: Request, exc: Exception) -> JSONResponse:
     assert isinstance(exc, HTTPException)  # noqa: S101 - registered for this class
     code = _CODE_OF_STATUS.get(exc.status_code, ErrorCode.INTERNAL)
     return respond(request, AppError(code, str(exc.detail), headers=dict(exc.headers or {})))
+
+
+async def _on_outage(request: Request, exc: Exception) -> JSONResponse:
+    _LOG.warning("request %s: the database does not answer: %s", request_id_of(request), exc)
+    return respond(request, unavailable())
 
 
 async def _on_unexpected(request: Request, exc: Exception) -> JSONResponse:

@@ -1,6 +1,7 @@
 """What our WebSockets share: who may come in, frames of bounded length, and close codes.
 
-Close codes: 4400 bad frame, 4401 no valid token, 4403 not allowed, 4429 too slow, 1009 too big.
+Close codes: 4400 bad frame, 4401 no valid token, 4403 not allowed, 4429 too slow,
+1009 too big, 1013 come back later.
 """
 
 from fastapi import WebSocket, WebSocketDisconnect
@@ -23,6 +24,7 @@ _CLOSE_CODES: dict[ErrorCode, int] = {
     ErrorCode.SITE_FORBIDDEN: 4403,
     ErrorCode.DEVICE_FORBIDDEN: 4403,
     ErrorCode.ORIGIN_FORBIDDEN: 4403,
+    ErrorCode.UNAVAILABLE: 1013,
 }
 
 

@@ -69,6 +69,13 @@ class AppError(Exception):
         self.headers = headers or {}
 
 
+def unavailable() -> AppError:
+    """Return the error for a database that does not answer now."""
+    detail = "the database does not answer; come back later"
+    # An outage is seldom over within a second; a phone keeps a day of batches.
+    return AppError(ErrorCode.UNAVAILABLE, detail, retry_after_s=5)
+
+
 def not_found(what: str, identifier: str) -> AppError:
     """Return the error for something that does not exist."""
     return AppError(ErrorCode.NOT_FOUND, f"there is no {what} {identifier!r}")

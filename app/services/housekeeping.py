@@ -5,8 +5,6 @@ import logging
 from dataclasses import dataclass
 from functools import partial
 
-from sqlalchemy.exc import SQLAlchemyError
-
 from app.core.session import LogUnavailableError
 from app.services.site import SiteDirectory
 from app.sessions.ports import Clock
@@ -52,7 +50,7 @@ class Housekeeping:
             await asyncio.sleep(interval_s)
             try:
                 await self.round()
-            except (DatabaseUnavailableError, LogUnavailableError, SQLAlchemyError) as error:
+            except (DatabaseUnavailableError, LogUnavailableError) as error:
                 _LOG.warning("housekeeping is put off: %s", error)
 
     async def round(self) -> None:

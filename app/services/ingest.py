@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from app.core.session import LogUnavailableError, Rejection
 from app.services.access import Principal, Role
-from app.services.errors import AppError, ErrorCode, invalid_field
+from app.services.errors import AppError, ErrorCode, invalid_field, unavailable
 from app.services.site_choice import Sites, choose_params, choose_site
 from app.sessions.batch import (
     BatchConflictError,
@@ -31,8 +31,6 @@ from app.storage.enrolment import Sighting, record_sighting
 # edit counts within a minute, and a phone posting every second costs one write a minute.
 _REMEMBER_S = 60.0
 _MAX_REMEMBERED = 50_000
-# A log that cannot be written has been waited for already; a phone keeps a day of batches.
-_RETRY_AFTER_S = 5
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,11 +148,7 @@ def _refusals(upload: Upload) -> Iterator[None]:
             retry_after_s=math.ceil(error.retry_after_s),
         ) from error
     except (LogUnavailableError, DatabaseUnavailableError) as error:
-        raise AppError(
-            ErrorCode.UNAVAILABLE,
-            "the batch could not be stored; send it again later",
-            retry_after_s=_RETRY_AFTER_S,
-        ) from error
+        raise unavailable() from error
     except BatchConflictError as error:
         raise AppError(
             ErrorCode.SEQ_CONFLICT, f"seq {upload.seq} was taken by other records"

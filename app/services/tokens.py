@@ -10,8 +10,9 @@ from collections.abc import Awaitable, Callable
 from typing import TypeAlias
 
 from app.services.access import Principal, Role
-from app.services.errors import AppError, ErrorCode
+from app.services.errors import AppError, ErrorCode, unavailable
 from app.sessions.ports import Clock
+from app.storage.database import DatabaseUnavailableError
 from app.storage.tokens import StoredToken
 
 TokenLookup: TypeAlias = Callable[[bytes], Awaitable[StoredToken | None]]
@@ -69,7 +70,10 @@ class Authenticator:
             until_s, stored = self._known[token_hash]
             if now_s < until_s:
                 return stored
-        stored = await self._lookup(token_hash)
+        try:
+            stored = await self._lookup(token_hash)
+        except DatabaseUnavailableError as error:
+            raise unavailable() from error
         if len(self._known) >= _CACHE_LIMIT:
             self._known.clear()
         self._known[token_hash] = (now_s + self._cache_s, stored)

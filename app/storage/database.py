@@ -9,12 +9,15 @@ import asyncio
 import logging
 import threading
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from sqlalchemy import Connection
+from sqlalchemy.exc import InterfaceError, OperationalError
+from sqlalchemy.exc import TimeoutError as PoolTimeoutError
 
 from app.storage.engines import reading_engine, writing_engine
 
@@ -29,7 +32,7 @@ RETRY_AFTER_S = 0.5
 
 
 class DatabaseUnavailableError(Exception):
-    """The database could not take a write in time; nothing says that it was stored."""
+    """The database does not answer, or not in time; nothing says that a write was stored."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +91,8 @@ class Database:
         try:
             # A write that is still waiting when the time is up is cancelled and never runs.
             async with asyncio.timeout(timeout_s):
-                return await asyncio.wrap_future(future)
+                with _outages():
+                    return await asyncio.wrap_future(future)
         except TimeoutError as error:
             msg = f"no commit within {timeout_s} s"
             raise DatabaseUnavailableError(msg) from error
@@ -113,8 +117,15 @@ class Database:
         await asyncio.wrap_future(self._enqueue(_nothing, keep=True))
 
     async def read(self, statement: Statement[T]) -> T:
-        """Run ``statement(connection)`` on a read-only connection in another thread."""
-        return await asyncio.wrap_future(self._readers.submit(self.read_now, statement))
+        """Run ``statement(connection)`` on a read-only connection in another thread.
+
+        Raises
+        ------
+        DatabaseUnavailableError
+            If the database does not answer.
+        """
+        with _outages():
+            return await asyncio.wrap_future(self._readers.submit(self.read_now, statement))
 
     def read_now(self, statement: Statement[T]) -> T:
         """Run ``statement(connection)`` on a read-only connection here."""
@@ -199,6 +210,15 @@ class Database:
                 write.done.set_exception(error)
         with self._wake:
             self._wake.wait_for(lambda: self._closing, RETRY_AFTER_S)
+
+
+@contextmanager
+def _outages() -> Iterator[None]:
+    """Turn what drivers raise when a database is out of order into our one error for it."""
+    try:
+        yield
+    except (OperationalError, InterfaceError, PoolTimeoutError) as error:
+        raise DatabaseUnavailableError(str(error)) from error
 
 
 def _run_alone(connection: Connection, statement: Statement[Any]) -> tuple[Any, Exception | None]:

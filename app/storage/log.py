@@ -5,7 +5,6 @@ from functools import partial
 from typing import TypeVar
 
 from sqlalchemy import Connection, Row, Select, bindparam, select, update
-from sqlalchemy.exc import OperationalError
 
 from app.core.engine import event_time_s
 from app.core.session import (
@@ -109,7 +108,7 @@ class SqlObservationLog:
     async def _write(self, statement: Callable[[Connection], T]) -> T:
         try:
             return await self._database.write(statement, self._limit_s)
-        except (DatabaseUnavailableError, OperationalError) as error:
+        except DatabaseUnavailableError as error:
             raise LogUnavailableError(str(error)) from error
 
 

@@ -3,7 +3,6 @@
 import asyncio
 
 from sqlalchemy import Connection, text
-from sqlalchemy.exc import SQLAlchemyError
 
 from app.storage.database import Database, DatabaseUnavailableError
 
@@ -13,7 +12,7 @@ async def answers_reads(database: Database, patience_s: float) -> bool:
     try:
         async with asyncio.timeout(patience_s):
             await database.read(_ask)
-    except (SQLAlchemyError, TimeoutError):
+    except (DatabaseUnavailableError, TimeoutError):
         return False
     return True
 
@@ -22,7 +21,7 @@ async def answers_writes(database: Database, patience_s: float) -> bool:
     """Tell whether the writer lives and could commit in time."""
     try:
         await database.write(_ask, patience_s)
-    except (SQLAlchemyError, DatabaseUnavailableError):
+    except DatabaseUnavailableError:
         return False
     return True
 
