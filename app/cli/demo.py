@@ -64,10 +64,9 @@ def demo(
 ) -> None:
     """Show people moving in a simulated warehouse; Ctrl-C stops it."""
     console = Console()
-    # A plain `kill` stops it as cleanly as Ctrl-C does.
-    signal.signal(signal.SIGTERM, lambda *_: signal.raise_signal(signal.SIGINT))
     try:
         with (
+            _kill_like_ctrl_c(),
             _database_folder(folder) as where,
             _listening_socket(port) as listening,
             console.status("Laying out the warehouse ...") as status,
@@ -96,6 +95,16 @@ def demo(
 def role_of_phones(speed: float) -> Role:
     """Return the role that phones need: only surveyors may post at another pace than life."""
     return Role.DEVICE if speed == 1.0 else Role.SURVEYOR
+
+
+@contextmanager
+def _kill_like_ctrl_c() -> Iterator[None]:
+    """Let a plain ``kill`` stop the demo as cleanly as Ctrl-C does."""
+    before = signal.signal(signal.SIGTERM, lambda *_: signal.raise_signal(signal.SIGINT))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 @contextmanager
