@@ -4,14 +4,14 @@ import json
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Query, Request, Response
+from fastapi import Query, Request, Response
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel, ValidationError
 
 from app.api.auth import check_site
 from app.api.beacons import NewBeacon, beacon_view, stored_beacon
 from app.api.negotiation import best_type
-from app.api.resource import Admin, Context, Reader
+from app.api.resource import Admin, Context, Reader, registry_router
 from app.api.uploads import media_type_of, read_bounded
 from app.formats.beacons_csv import (
     MAX_ROWS,
@@ -25,7 +25,7 @@ from app.services.errors import AppError, ErrorCode
 from app.storage import beacons
 from app.storage.beacons import StoredBeacon
 
-router = APIRouter(prefix="/v1/beacons", tags=["beacons"])
+router = registry_router("/v1/beacons", "beacons")
 
 MAX_TABLE_BYTES = 20 << 20
 

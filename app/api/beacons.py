@@ -3,7 +3,7 @@
 from dataclasses import replace
 from typing import Annotated, Any, Literal, Self
 
-from fastapi import APIRouter, Request, Response
+from fastapi import Request, Response
 from pydantic import AfterValidator, Field, model_validator
 
 from app.api.auth import Principal, check_site
@@ -16,9 +16,12 @@ from app.api.resource import (
     Identifier,
     Metres,
     Reader,
+    Reference,
     StrictModel,
+    Text,
     created,
     listed_site,
+    registry_router,
     tagged,
 )
 from app.formats.transmitters import canonical_key
@@ -27,7 +30,7 @@ from app.services.errors import found
 from app.storage import beacons
 from app.storage.beacons import BeaconFilter, StoredBeacon
 
-router = APIRouter(prefix="/v1/beacons", tags=["beacons"])
+router = registry_router("/v1/beacons", "beacons")
 
 RESERVED_IDS = frozenset({"import", "export", "uuids"})
 
@@ -60,8 +63,8 @@ class BeaconFields(StrictModel):
         description="What phones hear it by: mac:…, ibeacon:uuid:major:minor, "
         "eddystone:namespace:instance, altbeacon:…; the first is the most specific"
     )
-    name: Annotated[str, Field(max_length=200)] = ""
-    floor_id: str | None = None
+    name: Text = ""
+    floor_id: Reference | None = None
     x: Metres | None = None
     y: Metres | None = None
     z: Annotated[float, Field(ge=-100, le=100, description="Metres above the floor")] = 0.0
@@ -85,7 +88,7 @@ class NewBeacon(BeaconFields):
     """A beacon to add."""
 
     beacon_id: Annotated[Identifier, AfterValidator(_not_reserved)]
-    site_id: str
+    site_id: Reference
 
 
 class Beacon(BeaconFields):

@@ -1,6 +1,5 @@
 """Conditional requests (RFC 9110) and merge-patch (RFC 7396): no edit of what was not seen."""
 
-import json
 from collections.abc import Mapping
 from typing import Annotated, Any, TypeVar
 
@@ -8,7 +7,7 @@ from fastapi import Depends, Header, Request, Response
 from fastapi.exceptions import RequestValidationError
 from pydantic import BaseModel, ValidationError
 
-from app.api.uploads import media_type_of, read_bounded
+from app.api.uploads import media_type_of, read_json_object
 from app.services.errors import AppError, ErrorCode
 from app.services.writing import SeenVersions
 
@@ -36,7 +35,7 @@ def seen_versions(
     if if_match is None or if_match.strip() == "*":
         return None
     # Strong comparison: a weak tag matches nothing.
-    return frozenset(tag.strip('"') for tag in _listed(if_match) if tag.startswith('"'))
+    return frozenset(etag.strip('"') for etag in _listed(if_match) if etag.startswith('"'))
 
 
 Seen = Annotated[SeenVersions, Depends(seen_versions)]
@@ -47,7 +46,7 @@ def is_held(request: Request, row_version: int | str) -> bool:
     header = request.headers.get("if-none-match")
     if header is None:
         return False
-    held = {tag.removeprefix("W/") for tag in _listed(header)}
+    held = {etag.removeprefix("W/") for etag in _listed(header)}
     return "*" in held or etag_of(row_version) in held
 
 
@@ -74,13 +73,7 @@ async def read_merge_patch(request: Request) -> dict[str, Any]:
     if media_type_of(request) not in PATCH_TYPES:
         detail = f"PATCH takes {PATCH_TYPES[0]}"
         raise AppError(ErrorCode.MEDIA_TYPE_UNSUPPORTED, detail)
-    try:
-        patch = json.loads(await read_bounded(request, MAX_PATCH_BYTES))
-    except (ValueError, RecursionError) as error:
-        raise AppError(ErrorCode.MALFORMED_BODY, "the body is not JSON") from error
-    if not isinstance(patch, dict):
-        raise AppError(ErrorCode.MALFORMED_BODY, "a merge-patch is a JSON object")
-    return patch
+    return await read_json_object(request, MAX_PATCH_BYTES)
 
 
 MergePatch = Annotated[dict[str, Any], Depends(read_merge_patch)]

@@ -3,7 +3,7 @@
 from dataclasses import replace
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Depends, Request, Response
+from fastapi import Depends, Request, Response
 from pydantic import Field
 
 from app.api.auth import READERS, Principal, Role, check_device, require
@@ -11,14 +11,23 @@ from app.api.conditional import MergePatch, Seen, is_held, not_modified, patch_s
 from app.api.context import ApiContext
 from app.api.fix import iso_time, output_json
 from app.api.paging import Page, Paging, page_of
-from app.api.resource import Admin, Context, Reader, StrictModel, listed_site, tagged
+from app.api.resource import (
+    Admin,
+    Context,
+    Reader,
+    StrictModel,
+    Text,
+    listed_site,
+    registry_router,
+    tagged,
+)
 from app.services import devices as device_service
 from app.services.devices import DeviceStatus, status_of
 from app.services.errors import AppError, ErrorCode, found
 from app.storage import devices
 from app.storage.devices import StoredDevice
 
-router = APIRouter(prefix="/v1/devices", tags=["devices"])
+router = registry_router("/v1/devices", "devices")
 
 OwnReader = Annotated[Principal, Depends(require(*READERS, Role.DEVICE))]
 
@@ -26,8 +35,8 @@ OwnReader = Annotated[Principal, Depends(require(*READERS, Role.DEVICE))]
 class DeviceFields(StrictModel):
     """What an admin may say of a device."""
 
-    name: Annotated[str, Field(max_length=200)] = ""
-    person: Annotated[str, Field(max_length=200)] | None = None
+    name: Text = ""
+    person: Text | None = None
     level_offset_db: Annotated[float, Field(ge=-40, le=40)] = Field(
         0.0, description="Added to every level it reports"
     )

@@ -3,7 +3,7 @@
 from dataclasses import replace
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Body, Request, Response
+from fastapi import Request, Response
 from fastapi.responses import JSONResponse
 from pydantic import Field
 
@@ -26,18 +26,21 @@ from app.api.resource import (
     Metres,
     Name,
     Reader,
+    Reference,
     StrictModel,
+    Text,
     created,
     listed_site,
+    registry_router,
     tagged,
 )
-from app.api.uploads import read_plan_image
+from app.api.uploads import read_json_object, read_plan_image
 from app.services import site as site_service
 from app.services.errors import found
 from app.storage import floors
 from app.storage.floors import StoredFloor
 
-router = APIRouter(prefix="/v1/floors", tags=["floors"])
+router = registry_router("/v1/floors", "floors")
 
 MAP_EXAMPLE = {
     "type": "FeatureCollection",
@@ -58,6 +61,15 @@ MAP_EXAMPLE = {
     ],
 }
 
+MAP_BODY = {
+    "requestBody": {
+        "required": True,
+        "content": {"application/json": {"schema": {"type": "object"}, "example": MAP_EXAMPLE}},
+    }
+}
+
+MAX_MAP_BYTES = 32 << 20
+
 Size = Annotated[float, Field(gt=0, le=10_000, description="Metres")]
 
 
@@ -65,7 +77,7 @@ class FloorFields(StrictModel):
     """What an admin may change of a floor; ``x0``, ``y0`` is the lower left corner of its plan."""
 
     name: Name
-    building: Annotated[str, Field(max_length=200)] = ""
+    building: Text = ""
     ordinal: Annotated[int, Field(ge=-100, le=500, description="0 is the ground floor")]
     x0: Metres = 0.0
     y0: Metres = 0.0
@@ -77,7 +89,7 @@ class NewFloor(FloorFields):
     """A floor to add."""
 
     floor_id: Identifier
-    site_id: str
+    site_id: Reference
 
 
 class Floor(FloorFields):
@@ -230,19 +242,16 @@ async def get_map(floor_id: str, principal: Reader, context: Context, request: R
     return JSONResponse(document, headers={"ETag": etag_of(stored.row_version)})
 
 
-@router.put("/{floor_id}/map", status_code=204)
+@router.put("/{floor_id}/map", status_code=204, openapi_extra=MAP_BODY)
 async def replace_map(
-    floor_id: str,
-    document: Annotated[dict[str, Any], Body(examples=[MAP_EXAMPLE])],
-    principal: Admin,
-    context: Context,
-    seen: Seen,
+    floor_id: str, principal: Admin, context: Context, seen: Seen, request: Request
 ) -> None:
     """Replace the map: a FeatureCollection with coordinates in metres of the site frame.
 
     `properties.kind` of a feature is `walkable`, `obstacle` (both polygons) or `wall` (lines).
     """
     await _floor(context, principal, floor_id)
+    document = await read_json_object(request, MAX_MAP_BYTES)
     await site_service.replace_map(context.database, floor_id, seen, document)
     await context.directory.refresh()
 

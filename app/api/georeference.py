@@ -4,19 +4,19 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Request, Response
+from fastapi import Request, Response
 from pydantic import Field
 
 from app.api.auth import check_site
 from app.api.conditional import Seen, is_held, not_modified
-from app.api.resource import Admin, Context, Metres, Reader, StrictModel, tagged
+from app.api.resource import Admin, Context, Metres, Reader, StrictModel, registry_router, tagged
 from app.core.georeference import fit_georeference
 from app.services import site as site_service
 from app.services.errors import found, invalid_field
 from app.storage import sites
 from app.storage.sites import StoredSite
 
-router = APIRouter(prefix="/v1/sites", tags=["sites"])
+router = registry_router("/v1/sites", "sites")
 
 
 class ControlPoint(StrictModel):

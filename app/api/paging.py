@@ -42,9 +42,12 @@ def decode_cursor(cursor: str) -> str:
     """Return the key to continue after."""
     try:
         padded = cursor + "=" * (-len(cursor) % 4)
-        return base64.b64decode(padded, altchars=b"-_", validate=True).decode()
+        key = base64.b64decode(padded, altchars=b"-_", validate=True).decode()
     except (binascii.Error, UnicodeDecodeError, ValueError) as error:
         raise AppError(ErrorCode.INVALID_CURSOR, "the cursor is not one of ours") from error
+    if "\x00" in key:
+        raise AppError(ErrorCode.INVALID_CURSOR, "the cursor is not one of ours")
+    return key
 
 
 def page_request(

@@ -2,18 +2,18 @@
 
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Query
+from fastapi import Query
 from pydantic import BaseModel
 
 from app.api.auth import check_site
 from app.api.fix import iso_time
 from app.api.paging import Page, Paging, page_of
-from app.api.resource import Context, Reader, listed_site
+from app.api.resource import Context, Reader, listed_site, registry_router
 from app.services.errors import found
 from app.storage import radio_maps
 from app.storage.radio_maps import StoredRadioMap
 
-router = APIRouter(prefix="/v1/radio-maps", tags=["radio maps"])
+router = registry_router("/v1/radio-maps", "radio maps")
 
 
 class RadioMap(BaseModel):

@@ -3,7 +3,7 @@
 from dataclasses import replace
 from typing import Annotated, Any, Literal
 
-from fastapi import APIRouter, Request, Response
+from fastapi import Request, Response
 from pydantic import Field
 
 from app.api.auth import check_site
@@ -18,6 +18,7 @@ from app.api.resource import (
     Reader,
     StrictModel,
     created,
+    registry_router,
     tagged,
 )
 from app.services import site as site_service
@@ -25,7 +26,7 @@ from app.services.errors import found
 from app.storage import sites
 from app.storage.sites import StoredSite
 
-router = APIRouter(prefix="/v1/sites", tags=["sites"])
+router = registry_router("/v1/sites", "sites")
 
 
 class SiteFields(StrictModel):

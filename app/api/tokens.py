@@ -2,23 +2,29 @@
 
 from typing import Annotated, Self
 
-from fastapi import APIRouter, Response
+from fastapi import Response
 from pydantic import AwareDatetime, Field, model_validator
 
 from app.api.auth import Principal, Role
 from app.api.context import ApiContext
 from app.api.fix import iso_time
 from app.api.paging import Page, Paging, page_of
-from app.api.resource import Admin, Context, Name, StrictModel, listed_site
+from app.api.resource import (
+    Admin,
+    Context,
+    Name,
+    Reference,
+    StrictModel,
+    listed_site,
+    registry_router,
+)
 from app.services import issue_tokens
 from app.services.errors import AppError, ErrorCode, found, invalid_field
 from app.services.issue_tokens import TokenGrant
 from app.storage import tokens
 from app.storage.tokens import StoredToken
 
-router = APIRouter(prefix="/v1/tokens", tags=["access"])
-
-DeviceName = Annotated[str, Field(min_length=1, max_length=64)]
+router = registry_router("/v1/tokens", "access")
 
 
 class NewToken(StrictModel):
@@ -26,9 +32,9 @@ class NewToken(StrictModel):
 
     name: Name
     role: Annotated[Role, Field(strict=False)]
-    site_id: str | None = Field(None, description="The one site it is for; null: all")
-    device_id: DeviceName | None = None
-    device_prefix: DeviceName | None = None
+    site_id: Reference | None = Field(None, description="The one site it is for; null: all")
+    device_id: Reference | None = None
+    device_prefix: Reference | None = None
     expires: Annotated[AwareDatetime, Field(strict=False)] | None = None
 
     @model_validator(mode="after")

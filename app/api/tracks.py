@@ -1,12 +1,11 @@
 """``/v1/fixes`` and ``/v1/devices/{id}/track``: where everybody is, and where somebody was."""
 
-import json
 import re
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Depends, Query, Request, Response
+from fastapi import Depends, Query, Request, Response
 from fastapi.responses import JSONResponse
 from pydantic import AwareDatetime, BeforeValidator, WithJsonSchema
 
@@ -16,14 +15,14 @@ from app.api.devices import OwnReader, device_in_scope
 from app.api.fix import fix_json
 from app.api.negotiation import best_type
 from app.api.paging import decode_cursor, encode_cursor
-from app.api.resource import Context, Reader
+from app.api.resource import Context, Reader, registry_router
 from app.api.track_formats import track_csv, track_geojson, track_gpx
 from app.core.types import TrackPoint
 from app.services.errors import AppError, ErrorCode, found, invalid_field
 from app.services.tracks import SitePoint, TrackPage, TrackQuery, fixes_of_site_at, read_page
 from app.storage.tracks import TrackCursor
 
-router = APIRouter(prefix="/v1", tags=["tracks"])
+router = registry_router("/v1", "tracks")
 
 MEDIA_TYPES = ("application/json", "application/geo+json", "text/csv", "application/gpx+xml")
 
@@ -34,6 +33,7 @@ MAX_TRACK_LIMIT = 10_000
 _END_OF_TIME_S = 1e11
 
 _UNIT_S = {"ms": 1e-3, "s": 1.0, "m": 60.0, "h": 3600.0}
+_TRACK_KEY = re.compile(r"(\d{1,17}) ([\w-]+)", re.ASCII)
 _SPAN = re.compile(r"(\d{1,6}(?:\.\d{1,3})?)(ms|s|m|h)")
 
 
@@ -154,7 +154,10 @@ async def get_track(
 def _track_response(
     request: Request, context: ApiContext, media_type: str, page: TrackPage
 ) -> Response:
-    next_cursor = None if page.next_after is None else encode_cursor(json.dumps(page.next_after))
+    next_cursor = None
+    if page.next_after is not None:
+        time_us, session_id = page.next_after
+        next_cursor = encode_cursor(f"{time_us} {session_id}")
     headers = {"Vary": "Accept"}
     if next_cursor is not None:
         url = request.url.include_query_params(cursor=next_cursor)
@@ -199,10 +202,7 @@ def _json(context: ApiContext, located: SitePoint) -> dict[str, Any]:
 
 
 def _track_cursor(cursor: str) -> TrackCursor:
-    try:
-        time_us, session_id = json.loads(decode_cursor(cursor))
-    except (ValueError, TypeError) as error:
-        raise AppError(ErrorCode.INVALID_CURSOR, "the cursor is not one of ours") from error
-    if not isinstance(time_us, int) or not isinstance(session_id, str):
-        raise AppError(ErrorCode.INVALID_CURSOR, "the cursor is not one of ours")
-    return time_us, session_id
+    match = _TRACK_KEY.fullmatch(decode_cursor(cursor))
+    if match is None:
+        raise AppError(ErrorCode.INVALID_CURSOR, "the cursor is not one of a track")
+    return int(match[1]), match[2]

@@ -1,7 +1,9 @@
 """Uploaded bodies: of bounded size, and a picture that is what it says it is."""
 
 import io
+import json
 import re
+from typing import Any
 
 from fastapi import Request
 from PIL import Image, UnidentifiedImageError
@@ -17,6 +19,26 @@ _FORMATS = {"image/png": "PNG", "image/jpeg": "JPEG"}
 _SVG_START = re.compile(
     rb"^\s*(<\?xml[^>]*\?>\s*)?((<!--.*?-->|<!DOCTYPE[^>]*>)\s*)*<svg[\s>]", re.DOTALL
 )
+
+
+async def read_json_object(request: Request, max_bytes: int) -> dict[str, Any]:
+    """Return the JSON object in the request's body."""
+    media_type = media_type_of(request)
+    if media_type != "application/json" and not media_type.endswith("+json"):
+        raise AppError(ErrorCode.MEDIA_TYPE_UNSUPPORTED, "the body must be application/json")
+    body = await read_bounded(request, max_bytes)
+    try:
+        document = json.loads(body, parse_constant=_refuse_constant)
+    except (ValueError, RecursionError) as error:
+        raise AppError(ErrorCode.MALFORMED_BODY, f"the body is not JSON: {error}") from error
+    if not isinstance(document, dict):
+        raise AppError(ErrorCode.MALFORMED_BODY, "the body is not a JSON object")
+    return document
+
+
+def _refuse_constant(name: str) -> None:
+    msg = f"{name} is not JSON"
+    raise ValueError(msg)
 
 
 def media_type_of(request: Request) -> str:

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import shapely
+from shapely.errors import GEOSException
 from shapely.geometry import mapping, shape
 from shapely.geometry.base import BaseGeometry
 
@@ -21,6 +22,8 @@ from app.formats.walkable import WalkableError, rasterise_walkable
 
 MAX_COORDINATES = 200_000
 """A shopping mall's floor has a few thousand; more is a drawing, not a map."""
+
+MAX_COORDINATE_M = 100_000.0
 
 DEFAULT_ATTENUATION_DB = 4.0
 """Plasterboard to light brick at 2.4 GHz."""
@@ -128,12 +131,14 @@ def _geometry(pointer: str, document: object, allowed: frozenset[str]) -> BaseGe
         )
     try:
         geometry = shape(document)
-    except (ValueError, TypeError, KeyError, IndexError, shapely.errors.ShapelyError) as error:
+    except (ValueError, TypeError, KeyError, IndexError, OverflowError, GEOSException) as error:
         raise FloorMapError(
             pointer=f"{pointer}/coordinates", detail="not coordinates of its type"
         ) from error
-    if geometry.is_empty or not np.isfinite(shapely.get_coordinates(geometry)).all():
-        raise FloorMapError(pointer=f"{pointer}/coordinates", detail="empty, or not finite")
+    xy_m = shapely.get_coordinates(geometry)
+    if geometry.is_empty or not (np.abs(xy_m) <= MAX_COORDINATE_M).all():
+        detail = f"empty, or not within {MAX_COORDINATE_M:.0f} m"
+        raise FloorMapError(pointer=f"{pointer}/coordinates", detail=detail)
     if not geometry.is_valid:
         detail = f"not valid: {shapely.is_valid_reason(geometry)}"
         raise FloorMapError(pointer=f"{pointer}/coordinates", detail=detail)
