@@ -1,6 +1,8 @@
 """``pharos import ms2020``: a building of the Indoor Location Competition 2.0 becomes a site."""
 
+import math
 import multiprocessing
+import os
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
@@ -14,11 +16,10 @@ from app.cli.errors import CommandError
 from app.cli.local import CLOCK, DatabaseOption, local_database
 from app.formats.ms2020 import fold_of, trace_id_of
 from app.formats.ms2020_site import BuildingFolderError, read_building
+from app.formats.ms2020_survey import SurveyWalk, survey_walk_or_reason
 from app.services.building_import import (
     SiteImport,
-    SurveyWalk,
     radio_map_of,
-    read_walk,
     refuse_existing,
     site_id_of,
     storing,
@@ -97,12 +98,6 @@ def _read_walks(paths: Sequence[Path], console: Console) -> list[SurveyWalk]:
 def _parsed(paths: Sequence[Path]) -> Iterator[tuple[Path, SurveyWalk | str]]:
     # Fresh interpreters: a fork would copy the progress display's thread half-way.
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(mp_context=context) as pool:
-        yield from zip(paths, pool.map(_walk_or_reason, paths, chunksize=_CHUNK), strict=True)
-
-
-def _walk_or_reason(path: Path) -> SurveyWalk | str:
-    try:
-        return read_walk(path)
-    except (ValueError, OSError) as error:
-        return str(error)
+    workers = min(os.cpu_count() or 1, math.ceil(len(paths) / _CHUNK))
+    with ProcessPoolExecutor(max(workers, 1), mp_context=context) as pool:
+        yield from zip(paths, pool.map(survey_walk_or_reason, paths, chunksize=_CHUNK), strict=True)

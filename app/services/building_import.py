@@ -4,8 +4,6 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
-from typing import TypeAlias
 
 import numpy as np
 from sqlalchemy import Connection
@@ -13,44 +11,26 @@ from sqlalchemy import Connection
 from app.core.fingerprint.radio_map import Fingerprint, RadioMap, build_radio_map
 from app.core.fingerprint.survey import Place, chosen_keys, walk_fingerprints
 from app.core.params import MatchParams
-from app.core.types import BleScan, FloatArray, WifiScan
+from app.core.types import FloatArray
 from app.formats.floor_map import parse_floor_map
-from app.formats.ms2020 import read_trace
 from app.formats.ms2020_site import BuildingFolder, FloorFolder
+from app.formats.ms2020_survey import SurveyWalk
 from app.services.errors import AppError, ErrorCode
 from app.storage import floors, radio_maps, sites
 from app.storage.floors import PlanImage, StoredFloor
 from app.storage.radio_maps import RadioMapOrigin, StoredRadioMap
 from app.storage.sites import StoredSite
 
-Scan: TypeAlias = WifiScan | BleScan
-
 # A surveyor stands at the first and the last waypoint for a moment: scans reported this much before
 # and after are placed there.
 LEAD_S, TRAIL_S = 1.5, 1.0
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class SurveyWalk:
-    """What a radio map takes from a trace: its scans, and where the surveyor was.
-
-    Attributes
-    ----------
-    waypoints : (n, 3)
-        Time (s), x and y (m) in the frame of the floor's own plan.
-    """
-
-    trace_id: str
-    floor_name: str
-    scans: tuple[Scan, ...]
-    waypoints: FloatArray
 
 
 @dataclass(frozen=True, slots=True)
 class SiteImport:
     """A building ready to be stored.
 
-    ``folds`` is the provenance: which folds of the walks the radio map was built from.
+    ``provenance`` says what the radio map was built from.
     """
 
     name: str
@@ -62,25 +42,6 @@ class SiteImport:
 def site_id_of(name: str) -> str:
     """Return an id made of a name: what ids may hold of it, joined by hyphens."""
     return re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-") or "site"
-
-
-def read_walk(path: Path) -> SurveyWalk:
-    """Read a trace as a survey walk.
-
-    Raises
-    ------
-    ValueError
-        If it cannot be read, or has no waypoints or no Wi-Fi scan.
-    """
-    trace = read_trace(path)
-    scans = tuple(o for o in trace.observations if isinstance(o, WifiScan | BleScan))
-    if not any(isinstance(scan, WifiScan) for scan in scans):
-        msg = "no Wi-Fi scan in it"
-        raise ValueError(msg)
-    if not len(trace.waypoints):
-        msg = "no waypoint in it"
-        raise ValueError(msg)
-    return SurveyWalk(trace.trace_id, trace.floor_name, scans, trace.waypoints)
 
 
 def radio_map_of(building: BuildingFolder, site_id: str, walks: Sequence[SurveyWalk]) -> RadioMap:
