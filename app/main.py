@@ -56,7 +56,7 @@ def create_app(settings: Settings, clock: Clock | None = None) -> FastAPI:
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
-        await asyncio.to_thread(_prepare_database, settings)
+        await asyncio.to_thread(prepare_database, settings)
         database = Database(settings.database_url)
         try:
             context, housekeeping = _build(settings, database, own_clock)
@@ -88,7 +88,8 @@ def create_app(settings: Settings, clock: Clock | None = None) -> FastAPI:
 
 
 def run(settings: Settings) -> None:
-    """Serve until interrupted."""
+    """Serve until interrupted; OutdatedDatabaseError if the database must be migrated first."""
+    prepare_database(settings)
     uvicorn.run(create_app(settings), **uvicorn_options(settings))
 
 
@@ -109,7 +110,8 @@ def uvicorn_options(settings: Settings) -> dict[str, Any]:
     }
 
 
-def _prepare_database(settings: Settings) -> None:
+def prepare_database(settings: Settings) -> None:
+    """Bring the schema up to date, or refuse a database that may not be migrated and is not."""
     if settings.migrate:
         upgrade(settings.database_url)
         return

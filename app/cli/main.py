@@ -7,6 +7,7 @@ from rich.console import Console
 
 from app.cli import demo, import_csv, import_ms2020, migrate, replay, serve, token
 from app.cli.errors import CommandError
+from app.main import OutdatedDatabaseError
 from app.services.errors import AppError
 from app.storage.database import DatabaseUnavailableError
 
@@ -39,7 +40,7 @@ def main() -> None:
         cli()
     except CommandError as error:
         _fail(str(error), error.exit_code)
-    except (AppError, DatabaseUnavailableError) as error:
+    except (AppError, DatabaseUnavailableError, OutdatedDatabaseError) as error:
         _fail(str(error), 1)
 
 

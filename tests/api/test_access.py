@@ -111,3 +111,22 @@ async def test_a_database_that_takes_no_writes_is_told_as_503(
         assert (refused.status_code, refused.json()["code"]) == (503, "unavailable")
         assert int(refused.headers["retry-after"]) > 0
         assert (await client.post("/v1/ingest", json=batch(seq=1))).is_success
+
+
+async def test_too_many_waiting_batches_are_told_as_429(
+    server: ApiServer, database_url: str
+) -> None:
+    async with server.client("phone-7") as client:
+        assert (await client.post("/v1/ingest", json=batch())).is_success
+        with closing(sqlite3.connect(database_url.removeprefix("sqlite:///"))) as other:
+            other.execute("BEGIN IMMEDIATE")
+            posts = [
+                asyncio.create_task(client.post("/v1/ingest", json=batch(seq=seq)))
+                for seq in range(1, 70)
+            ]
+            done, waiting = await asyncio.wait(posts, return_when=asyncio.FIRST_COMPLETED)
+        refused = done.pop().result()
+        assert (refused.status_code, refused.json()["code"]) == (429, "too_many_requests")
+        assert int(refused.headers["retry-after"]) >= 1
+        answers = await asyncio.gather(*waiting)
+    assert any(answer.is_success for answer in answers)
