@@ -33,7 +33,7 @@ def report_json(walks: Sequence[Replayed]) -> dict[str, Any]:
 def scores_table(walks: Sequence[Replayed]) -> Table:
     """Return a row of figures per trace, and one for all of them."""
     table = Table(title="Error at 1 Hz, from the first scan on")
-    table.add_column("trace")
+    table.add_column("trace", no_wrap=True)
     for heading in ("mean m", "median m", "p95 m", "floor right", "samples", "no fix"):
         table.add_column(heading, justify="right")
     for walk in walks:
@@ -44,13 +44,14 @@ def scores_table(walks: Sequence[Replayed]) -> Table:
 
 
 def fixes_table(walk: Replayed) -> Table:
-    """Return the answers of one walk beside the truth."""
+    """Return the answers of one walk beside the truth, by the seconds since its first one."""
     table = Table(title=walk.trace_id)
-    for heading in ("time s", "true x", "true y", "true floor", "x", "y", "floor", "error m"):
-        table.add_column(heading, justify="right")
+    for heading in ("s", "true x", "true y", "true floor", "x", "y", "floor", "error m"):
+        table.add_column(heading, justify="right", no_wrap=True)
     for second in walk.seconds:
+        since_s = second.time_s - walk.seconds[0].time_s
         place = (f"{second.truth.x_m:.1f}", f"{second.truth.y_m:.1f}", second.truth.floor_id)
-        table.add_row(f"{second.time_s:.0f}", *place, *_answer_cells(second))
+        table.add_row(f"{since_s:.0f}", *place, *_answer_cells(second))
     return table
 
 

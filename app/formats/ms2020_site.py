@@ -112,7 +112,7 @@ def _drawing(folder: Path) -> _Drawing:
     features = _json(folder / "geojson_map.json").get("features", [])
     try:
         size_m = float(size["map_info"]["width"]), float(size["map_info"]["height"])
-        outline, *rooms = [_area(shape(feature["geometry"])) for feature in features]
+        outline, *rooms = [_area(feature["geometry"]) for feature in features]
         number = int(features[0]["properties"]["floor_num"])
         west, south, east, north = (float(edge) for edge in outline.bounds)
     except (KeyError, TypeError, ValueError, shapely.errors.ShapelyError) as error:
@@ -136,9 +136,12 @@ def _json(path: Path) -> dict[str, Any]:
     return document
 
 
-def _area(geometry: BaseGeometry) -> BaseGeometry:
+def _area(geometry: object) -> BaseGeometry:
     """Return the polygons of a hand-drawn geometry, self-crossings mended, lines dropped."""
-    parts = shapely.get_parts(shapely.make_valid(geometry))
+    if not isinstance(geometry, dict):
+        msg = "a feature without geometry"
+        raise ValueError(msg)  # noqa: TRY004 - what is wrong is the file, not a call
+    parts = shapely.get_parts(shapely.make_valid(shape(geometry)))
     return shapely.union_all([part for part in parts if shapely.get_dimensions(part) == 2])
 
 
