@@ -71,11 +71,10 @@ def test_a_click_on_the_map_tells_how_the_position_came_about(live: WatchedPage)
     live.until("window.__view.selected_id === 'walker-1'")
     live.until("document.getElementById('detail-name').textContent === 'walker-1'")
     facts = live.page.inner_text("#detail-facts")
-    for label in ("Last seen", "Floor", "95 % radius", "Motion", "Method", "Readings"):
+    for label in ("Last seen", "Floor certainty", "95 % radius", "Motion", "Method", "Readings"):
         assert label in facts
     assert "beacons" in facts
-    assert f"{FLOORS[WALKERS['walker-1']]}, " in facts
-    assert "% sure" in facts
+    assert FLOORS[WALKERS["walker-1"]] in facts
 
 
 def test_floors_are_switched_and_selection_turns_to_the_right_one(live: WatchedPage) -> None:

@@ -14,7 +14,8 @@ function factsOf(state, person, nowMs) {
   if (fix === null) return [seen];
   return [
     seen,
-    ["Floor", `${floorName(state, fix.floor_id)}, ${Math.round(fix.floor_confidence * 100)} % sure`],
+    ["Floor", floorName(state, fix.floor_id)],
+    ["Floor certainty", `${Math.round(fix.floor_confidence * 100)} %`],
     ["Position", `${fix.x.toFixed(1)}, ${fix.y.toFixed(1)} m`],
     ["95 % radius", metres(fix.radius95_m)],
     ["Motion", motionWords(fix)],
