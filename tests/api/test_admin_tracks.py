@@ -46,6 +46,13 @@ async def test_a_track_is_complete_up_to_the_newest_batch(server: ApiServer) -> 
     assert nobody["items"] == []
 
 
+async def test_a_track_is_complete_while_its_session_sleeps(server: ApiServer) -> None:
+    items = await walk(server, 8)
+    await server.app.state.context.registry.close()
+    async with server.client("viewer") as viewer:
+        assert (await viewer.get(TRACK)).json()["items"] == items
+
+
 async def test_pages_join_to_the_whole_also_when_thinned(server: ApiServer) -> None:
     items = await walk(server)
     async with server.client("viewer") as viewer:
