@@ -46,9 +46,6 @@ class Settings(BaseSettings):
     sweep_interval_s: float = Field(
         5.0, gt=0, description="Seconds between looks for sessions to put to rest."
     )
-    stream_idle_s: float = Field(
-        60.0, gt=0, description="Seconds of silence after which a live stream's socket is closed."
-    )
     imu_retention_s: float = Field(
         86400.0, gt=0, description="Seconds that raw inertial records stay in the observation log."
     )

@@ -44,7 +44,6 @@ STATUS: dict[ErrorCode, int] = {
     ErrorCode.CODING_UNSUPPORTED: 415,
     ErrorCode.INVALID_FIELD: 422,
     ErrorCode.SITE_REQUIRED: 422,
-    ErrorCode.ETAG_REQUIRED: 428,
     ErrorCode.TOO_MANY_REQUESTS: 429,
     ErrorCode.INTERNAL: 500,
     ErrorCode.UNAVAILABLE: 503,

@@ -35,7 +35,6 @@ class ErrorCode(StrEnum):
     CODING_UNSUPPORTED = "coding_unsupported"
     INVALID_FIELD = "invalid_field"
     SITE_REQUIRED = "site_required"
-    ETAG_REQUIRED = "etag_required"
     TOO_MANY_REQUESTS = "too_many_requests"
     INTERNAL = "internal"
     UNAVAILABLE = "unavailable"
