@@ -24,16 +24,16 @@ Surface: TypeAlias = tuple[Rows, FloatArray, FloatArray, Priors]
 the model's table, the search box (see `box_around`) and the priors. An infinite information of the
 offset says that the phone is as calibrated."""
 
-COARSE, FINE = 9, 41
+COARSE, FINE = 9, 31
 """Cells per side: for finding basins (Gauss-Newton does the rest), and for moments. Odd numbers put
 cells on the principal axes."""
 
 RIVAL_CHI2 = 9.21
 """A basin whose cost is this much above the best is out: 99 % point of chi-square, 2 degrees."""
 
-LEAST_RISE, MOST_RISE = 1.5, 10.0
+LEAST_RISE, MOST_RISE = 2.0, 8.0
 """Two standard deviations off the minimum of a parabola the cost is 4 higher. Where it is less or
-more than this, the surface is wider than 1.6 or narrower than 0.6 of what the covariance says."""
+more than this, the surface is wider than 1.4 or narrower than 0.7 of what the covariance says."""
 
 SUPPORT_CHI2 = 20.0
 """Cells above the least cost by more than this hold under 1e-4 of the posterior."""
