@@ -38,6 +38,17 @@ class Walkable:
         row = min(max(round((y_m - self.y0_m) / self.cell_m), 0), rows - 1)
         return float(self.distance_m[row, column])
 
+    def cells(self, spacing_m: float) -> FloatArray:
+        """Return walkable places (n, 2) on a grid of about this spacing, row by row."""
+        stride = max(round(spacing_m / self.cell_m), 1)
+        row, column = np.nonzero(self.distance_m[::stride, ::stride] == 0.0)
+        return np.column_stack(
+            [
+                self.x0_m + column * stride * self.cell_m,
+                self.y0_m + row * stride * self.cell_m,
+            ]
+        )
+
 
 def simplify_line(xy_m: FloatArray, tolerance_m: float) -> BoolArray:
     """Return which points of a line to keep so that it moves by at most ``tolerance_m``.

@@ -8,9 +8,10 @@ from functools import partial
 import numpy as np
 from sqlalchemy import Connection
 
-from app.core.fingerprint.radio_map import Fingerprint, RadioMap, build_radio_map
+from app.core.fingerprint.radio_map import Fingerprint, RadioMap, build_radio_map, joined
 from app.core.fingerprint.survey import Place, chosen_keys, walk_fingerprints
-from app.core.params import MatchParams
+from app.core.fingerprint.virtual import virtual_fingerprints
+from app.core.params import MatchParams, VirtualParams
 from app.core.types import FloatArray
 from app.formats.floor_map import parse_floor_map
 from app.formats.ms2020_site import BuildingFolder, FloorFolder
@@ -64,7 +65,19 @@ def radio_map_of(building: BuildingFolder, site_id: str, walks: Sequence[SurveyW
         detail = "no scan of the walks can be placed: there would be no radio map"
         raise AppError(ErrorCode.INVALID_FIELD, detail)
     floor_ids = [floor_id_of(site_id, floor.name) for floor in building.floors]
-    return build_radio_map(floor_ids, fingerprints)
+    return _filled(build_radio_map(floor_ids, fingerprints), building)
+
+
+def _filled(radio_map: RadioMap, building: BuildingFolder) -> RadioMap:
+    """Return the map with virtual fingerprints where the survey left walkable floor out."""
+    params = VirtualParams()
+    virtual: list[Fingerprint] = []
+    for index, floor in enumerate(building.floors):
+        walkable = parse_floor_map(floor.map_document).raster()
+        if walkable is not None:
+            cells = walkable.cells(params.cell_m)
+            virtual += virtual_fingerprints(radio_map, index, cells, params)
+    return joined(radio_map, virtual)
 
 
 def _surveyed_place(waypoints: FloatArray, floor: FloorFolder, time_s: float) -> Place | None:

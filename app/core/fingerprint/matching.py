@@ -86,7 +86,8 @@ def match(query: Query, radio_map: RadioMap, params: MatchParams) -> Matches | N
     D = D1 + D2 + g D3 with, over transmitters t, query a and fingerprint b:
     D1 = 1 - 2 Σ min(a, b) / (Σ a + Σ b) (Wi-Fi), D2 = 1 - a·b / (|a| |b|) (Wi-Fi, other exponent),
     D3 like D1 on BLE, g = ``ble_gain`` min(1, n_ble / 3); D = D3 where no Wi-Fi was heard.
-    Transmitters the map does not know count in Σ a and |a|. Weights are exp(-(D - D_min) / ``softness``), normalised.
+    Transmitters the map does not know count in Σ a and |a|. Weights are
+    exp(-(D - D_min) / ``softness``), normalised.
     """
     index = match_index(radio_map, params)
     wifi = _Side.of(query.wifi_dbm, radio_map, params.wifi_floor_dbm, params.sorensen_exponent)

@@ -116,6 +116,32 @@ class RadioMap:
         )
 
 
+def joined(radio_map: RadioMap, more: Sequence[Fingerprint]) -> RadioMap:
+    """Return the map with further fingerprints at its end."""
+    added = build_radio_map(radio_map.floor_ids, more)
+    columns = dict(radio_map.column_by_key)
+    radio = [*radio_map.radio.tolist()]
+    for key, kind in zip(added.transmitters, added.radio.tolist(), strict=True):
+        if key not in columns:
+            columns[key] = len(columns)
+            radio.append(kind)
+    renamed = np.array([columns[key] for key in added.transmitters], dtype=np.int64)
+    return RadioMap(
+        floor_ids=radio_map.floor_ids,
+        floor_index=np.concatenate([radio_map.floor_index, added.floor_index]),
+        x_m=np.concatenate([radio_map.x_m, added.x_m]),
+        y_m=np.concatenate([radio_map.y_m, added.y_m]),
+        survey_walks=(*radio_map.survey_walks, *added.survey_walks),
+        transmitters=tuple(columns),
+        radio=_ints(radio),
+        row_start=np.concatenate(
+            [radio_map.row_start, radio_map.row_start[-1] + added.row_start[1:]]
+        ),
+        column=np.concatenate([radio_map.column, renamed[added.column]]),
+        rssi_dbm=np.concatenate([radio_map.rssi_dbm, added.rssi_dbm]),
+    )
+
+
 def build_radio_map(floor_ids: Sequence[str], fingerprints: Iterable[Fingerprint]) -> RadioMap:
     """Join fingerprints to one map; columns are the transmitters in order of first appearance."""
     columns: dict[str, int] = {}
