@@ -1,0 +1,61 @@
+"""Docs say what the code says."""
+
+import re
+from pathlib import Path
+
+import pytest
+from pydantic.fields import FieldInfo
+
+from app.config import Settings
+from app.formats import beacons_csv, fingerprints_csv
+
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / "docs"
+
+
+def rows_of(page: str, heading: str) -> list[list[str]]:
+    """Return the cells of the first table after a heading, its head left out."""
+    text = (DOCS / page).read_text(encoding="utf-8").partition(heading)[2]
+    lines = re.search(r"(?:^\|.*\n)+", text, re.MULTILINE)
+    assert lines is not None
+    return [[cell.strip() for cell in row.strip("|").split("|")] for row in lines[0].splitlines()][
+        2:
+    ]
+
+
+def shown(field: FieldInfo) -> str:
+    default = field.default
+    if default is None:
+        return ""
+    if isinstance(default, bool):
+        return f"`{str(default).lower()}`"
+    if default == ():
+        return "`[]`"
+    return f"`{default:g}`" if isinstance(default, float) else f"`{default}`"
+
+
+def test_every_setting_is_documented_as_it_is() -> None:
+    expected = [
+        [f"`PHAROS_{name.upper()}`", shown(field), field.description]
+        for name, field in Settings.model_fields.items()
+    ]
+    assert rows_of("running.md", "## Settings") == expected
+
+
+@pytest.mark.parametrize(
+    ("heading", "columns"),
+    [
+        ("csv beacons", {*beacons_csv.COLUMNS, *beacons_csv.KEY_COLUMNS}),
+        ("csv fingerprints", {*fingerprints_csv.NEEDED, *fingerprints_csv.OPTIONAL}),
+    ],
+)
+def test_every_column_of_a_table_is_documented(heading: str, columns: set[str]) -> None:
+    cells = " ".join(row[0] for row in rows_of("formats.md", heading))
+    assert set(re.findall(r"`(\w+)`", cells)) == columns
+
+
+@pytest.mark.parametrize("page", sorted(path.name for path in DOCS.glob("*.md")))
+def test_every_file_that_docs_name_is_there(page: str) -> None:
+    text = (DOCS / page).read_text(encoding="utf-8")
+    named = set(re.findall(r"`((?:app|tests|migrations)/[\w/.-]+)`", text))
+    assert not [name for name in named if not (ROOT / name).exists()]
