@@ -159,12 +159,12 @@ def minimise(
 
 
 @njit(cache=True)
-def damped_step(A: FloatArray, g: FloatArray, damping: float) -> FloatArray:
-    """Return ``(A + damping diag A)^-1 g``; zeros where the matrix is not positive definite."""
+def damped_step(A: FloatArray, g: FloatArray, damping_scale: float) -> FloatArray:
+    """Return ``(A + lambda diag A)^-1 g``; zeros where the matrix is not positive definite."""
     p = len(g)
     B = A.copy()
     for a in range(p):
-        B[a, a] += damping * A[a, a]
+        B[a, a] += damping_scale * A[a, a]
     if not cholesky(B):
         return np.zeros(p)
     return _substitute(B, g)

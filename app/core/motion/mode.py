@@ -53,9 +53,9 @@ def with_step(state: MotionState, time_s: float) -> MotionState:
     return replace(state, last_step_s=max(time_s, state.last_step_s or -math.inf))
 
 
-def with_velocity(state: MotionState, time_s: float, chi2: float) -> MotionState:
-    """Return the state after a velocity estimated from levels; ``chi2`` is ``v' D_vv^-1 v``."""
-    return replace(state, velocity_chi2=chi2, velocity_s=time_s)
+def with_velocity(state: MotionState, time_s: float, velocity_chi2: float) -> MotionState:
+    """Return the state after a velocity estimated from levels, with ``v' D_vv^-1 v``."""
+    return replace(state, velocity_chi2=velocity_chi2, velocity_s=time_s)
 
 
 def with_acceleration(state: MotionState, block: ImuBlock, params: MotionModeParams) -> MotionState:

@@ -126,9 +126,9 @@ def distances_of_levels(model: LevelModel, rssi_dbm: FloatArray) -> FloatArray:
 
 
 @njit(cache=True)
-def squared_distance(dx: float, dy: float, dz2: float) -> float:
+def squared_distance(dx_m: float, dy_m: float, dz2_m2: float) -> float:
     """Return the squared distance in space, bounded by the near field (kernels)."""
-    return max(dx * dx + dy * dy + dz2, NEAR_FIELD_M * NEAR_FIELD_M)
+    return max(dx_m * dx_m + dy_m * dy_m + dz2_m2, NEAR_FIELD_M * NEAR_FIELD_M)
 
 
 def _squared_distances(
