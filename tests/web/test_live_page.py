@@ -66,9 +66,7 @@ def test_the_list_counts_and_finds_people_by_keyboard(live: WatchedPage) -> None
 
 
 def test_a_click_on_the_map_tells_how_the_position_came_about(live: WatchedPage) -> None:
-    person = live.person("walker-1")
-    live.page.mouse.click(person["px"], person["py"])
-    live.until("window.__view.selected_id === 'walker-1'")
+    live.click_person("walker-1")
     live.until("document.getElementById('detail-name').textContent === 'walker-1'")
     facts = live.page.inner_text("#detail-facts")
     for label in ("Last seen", "Floor certainty", "95 % radius", "Motion", "Method", "Readings"):

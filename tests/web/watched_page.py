@@ -73,6 +73,16 @@ class WatchedPage:
         )
         return found
 
+    def click_person(self, device_id: str) -> None:
+        """Click somebody on the map; they walk on meanwhile, so a miss is tried again."""
+        for _ in range(20):
+            person = self.person(device_id)
+            self.page.mouse.click(person["px"], person["py"])
+            if self.evaluate("window.__view.selected_id") == device_id:
+                return
+        message = f"{device_id} could not be clicked"
+        raise AssertionError(message)
+
     def until_moved(self, device_id: str, metres: float = 1.0) -> None:
         """Wait until somebody is drawn some metres from where they are drawn now."""
         start = self.person(device_id)
