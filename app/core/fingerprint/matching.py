@@ -156,25 +156,25 @@ def _distances(
     ble_column, ble_share = ble
     wifi_total, wifi_norm, ble_total, ble_gain = totals
     rows = share_sum.shape[1]
-    common = np.zeros(rows)
+    overlap = np.zeros(rows)
     dot = np.zeros(rows)
     for i in range(len(wifi_column)):
         for entry in range(column_start[wifi_column[i]], column_start[wifi_column[i] + 1]):
-            common[row[entry]] += min(wifi_share[i], share[entry])
+            overlap[row[entry]] += min(wifi_share[i], share[entry])
             dot[row[entry]] += wifi_power[i] * power[entry]
-    common_ble = np.zeros(rows)
+    overlap_ble = np.zeros(rows)
     for i in range(len(ble_column)):
         for entry in range(column_start[ble_column[i]], column_start[ble_column[i] + 1]):
-            common_ble[row[entry]] += min(ble_share[i], share[entry])
+            overlap_ble[row[entry]] += min(ble_share[i], share[entry])
     distance = np.empty(rows)
     sorensen = np.empty(rows)
     for r in range(rows):
         total = wifi_total + share_sum[0, r]
-        sorensen[r] = 1.0 - 2.0 * common[r] / total if total > 0.0 else 1.0
+        sorensen[r] = 1.0 - 2.0 * overlap[r] / total if total > 0.0 else 1.0
         norm = wifi_norm * power_norm[r]
         cosine = 1.0 - dot[r] / norm if norm > 0.0 else 1.0
         total_ble = ble_total + share_sum[1, r]
-        d_ble = 1.0 - 2.0 * common_ble[r] / total_ble if total_ble > 0.0 else 1.0
+        d_ble = 1.0 - 2.0 * overlap_ble[r] / total_ble if total_ble > 0.0 else 1.0
         distance[r] = sorensen[r] + cosine + ble_gain * d_ble
         if wifi_total == 0.0:
             distance[r] = sorensen[r] = d_ble
