@@ -1,4 +1,4 @@
-"""Fingerprint matching: the inverted index is exact, and what is heard late or twice does no harm."""
+"""Fingerprint matching: the index is exact; what is heard late or twice does no harm."""
 
 import numpy as np
 import pytest

@@ -40,7 +40,7 @@ def test_a_step_moves_and_widens_as_its_jacobian_says():
     def step(state):
         length = 0.7 * np.exp(state[3])
         turn = 0.4 + state[2]
-        return state + [length * np.cos(turn), length * np.sin(turn), 0.0, 0.0]
+        return state + np.array([length * np.cos(turn), length * np.sin(turn), 0.0, 0.0])
 
     mean = mixture.mean[0]
     assert np.allclose(moved.mean[0], step(mean))
