@@ -95,7 +95,7 @@ observations = st.one_of(wifi_scans, ble_scans, steps, pedometers, barometers, t
 
 
 def decoded(body: bytes) -> list[Observation]:
-    batch = decode_body(body, Batch)
+    batch = decode_body(body, msgspec.json.Decoder(Batch))
     records = decode_records(batch.records, may_state_truth=True)
     assert not records.rejected
     assert not records.ignored
