@@ -243,8 +243,9 @@ class FusionParams:
         Growth of the variance with time when the sensors show no step, and when there is no sensor:
         1 m²/s is a walker who turns at random every other second.
     lateration_inflation, lateration_floor_m2
-        A lateration fix's covariance as the filter takes it: successive windows overlap by half and
-        shadowing is fixed to the place, and the filter's covariances are wide (`ReportParams`).
+        A lateration fix's covariance as the filter takes it: successive windows overlap by half (2),
+        shadowing errs alike for a second or two of walking (2), and the filter's covariances are
+        wide by 1 / 0.3 (`ReportParams`).
     """
 
     bias_prior_rad: float = 0.22
@@ -267,7 +268,7 @@ class FusionParams:
     sensor_gap_s: float = 3.0
     sway_m2ps: float = 0.002
     unseen_m2ps: float = 1.0
-    lateration_inflation: float = 4.0
+    lateration_inflation: float = 12.0
     lateration_floor_m2: float = 0.5
 
 

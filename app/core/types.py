@@ -181,7 +181,7 @@ class Anchor:
 
 @dataclass(frozen=True, slots=True)
 class Used:
-    """What a point rests on: counts of beacons, access points and steps since the last point."""
+    """What a point rests on: transmitters of the newest scan, and the steps walked since."""
 
     beacons: int = 0
     access_points: int = 0

@@ -86,7 +86,7 @@ def laterate(state: SessionState, scan: BleScan, site: SiteModel, params: Params
     found, state = _by_motion(state, window, model, scan.time_s, params)
     if isinstance(found, NoFix):
         return _without(state, found.reason)
-    used = replace(found.fix.used, steps=state.used.steps)
+    used = found.fix.used
     seen = (np.array([[found.fix.x_m, found.fix.y_m]]), np.ones(1), _noise(found.fix, params))
     state = _correct(state, seen, scan.time_s, Method.LATERATION, params)
     return replace(state, used=used)
@@ -142,7 +142,7 @@ def _match(
     places = np.column_stack([matches.x_m, matches.y_m])
     seen = (places, matches.weight, (variance, 0.0, variance))
     state = _correct(state, seen, time_s, Method.FINGERPRINT, params)
-    heard = Used(len(query.ble_dbm), len(query.wifi_dbm), state.used.steps)
+    heard = Used(beacons=len(query.ble_dbm), access_points=len(query.wifi_dbm))
     return replace(state, floor_belief=belief, used=heard)
 
 

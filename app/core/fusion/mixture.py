@@ -16,7 +16,7 @@ import numpy as np
 from numba import njit
 
 from app.core.params import FusionParams
-from app.core.types import FloatArray
+from app.core.types import FloatArray, IntArray
 
 Noise: TypeAlias = tuple[float, float, float]
 
@@ -147,10 +147,13 @@ def _walk(
         c, s = math.cos(heading_rad + m[2]), math.sin(heading_rad + m[2])
         m[0] += length * c
         m[1] += length * s
-        f = np.eye(4)
-        f[0, 2], f[0, 3] = -length * s, length * c
-        f[1, 2], f[1, 3] = length * c, length * s
-        p[:, :] = f @ p @ f.T
+        # P' = F P Fᵀ with F = I but for its upper right: rows first, then columns.
+        for j in range(4):
+            p[0, j] += -length * s * p[2, j] + length * c * p[3, j]
+            p[1, j] += length * c * p[2, j] + length * s * p[3, j]
+        for j in range(4):
+            p[j, 0] += -length * s * p[j, 2] + length * c * p[j, 3]
+            p[j, 1] += length * c * p[j, 2] + length * s * p[j, 3]
         sideways = cross + length**2 * turn
         p[0, 0] += along * c * c + sideways * s * s
         p[1, 1] += along * s * s + sideways * c * c
@@ -217,62 +220,86 @@ def _correct(
             p[j, c] = p[c, j] = 0.5 * (p[j, c] + p[c, j])
 
 
-@njit(cache=True)
 def _births(
     places: FloatArray,
     weight: FloatArray,
     noise_m2: Noise,
     priors: tuple[float, float],
     most: int,
-) -> tuple[FloatArray, FloatArray, FloatArray]:  # pragma: no cover - compiled
-    n = len(places)
-    mean, covariance = np.zeros((n, 4)), np.zeros((n, 4, 4))
-    for i in range(n):
-        mean[i, 0], mean[i, 1] = places[i, 0], places[i, 1]
-        covariance[i, 0, 0], covariance[i, 1, 1] = noise_m2[0], noise_m2[2]
-        covariance[i, 0, 1] = covariance[i, 1, 0] = noise_m2[1]
-        covariance[i, 2, 2], covariance[i, 3, 3] = priors
-    return _reduce(mean, covariance, weight, most, 1.0)
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    xx, xy, yy = noise_m2
+    mean = np.zeros((len(places), 4))
+    mean[:, :2] = places
+    one = np.diag([xx, yy, *priors])
+    one[0, 1] = one[1, 0] = xy
+    return _reduce(mean, np.tile(one, (len(places), 1, 1)), weight, most, 1.0)
 
 
-@njit(cache=True)
 def _reduce(
     mean: FloatArray, covariance: FloatArray, weight: FloatArray, most: int, merge_distance: float
-) -> tuple[FloatArray, FloatArray, FloatArray]:  # pragma: no cover - compiled
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Merge components closer than ``merge_distance`` sigmas, then keep the ``most`` heaviest.
 
     Merging keeps mean and covariance (Salmond 1990): the heaviest takes in its neighbours first.
     """
-    order = np.argsort(-weight, kind="mergesort")
-    left = np.ones(len(weight), dtype=np.bool_)
-    count = 0
+    order = np.argsort(-weight, kind="stable")
+    merged = _merge((mean[order], covariance[order], weight[order]), most, merge_distance)
+    heaviest = np.argsort(-merged[2], kind="stable")
+    weights = merged[2][heaviest]
+    return merged[0][heaviest], merged[1][heaviest], weights / weights.sum()
+
+
+@njit(cache=True)
+def _merge(
+    components: tuple[FloatArray, FloatArray, FloatArray], most: int, merge_distance: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:  # pragma: no cover - compiled
+    mean, covariance, weight = components
+    n = len(weight)
+    left = np.ones(n, dtype=np.bool_)
+    member = np.empty(n, dtype=np.int64)
     out_mean, out_cov = np.zeros((most, 4)), np.zeros((most, 4, 4))
     out_weight = np.zeros(most)
-    for head in order:
+    count = 0
+    for head in range(n):
         if not left[head] or count == most:
             continue
-        p = covariance[head]
-        det = p[0, 0] * p[1, 1] - p[0, 1] * p[0, 1]
-        total = 0.0
-        m = np.zeros(4)
-        members = np.zeros(len(weight), dtype=np.bool_)
-        for i in order:
-            if not left[i]:
-                continue
-            dx, dy = mean[i, 0] - mean[head, 0], mean[i, 1] - mean[head, 1]
-            apart = (p[1, 1] * dx * dx - 2.0 * p[0, 1] * dx * dy + p[0, 0] * dy * dy) / det
-            if apart <= merge_distance**2:
-                members[i] = True
+        members = 0
+        for i in range(head, n):
+            if left[i] and _apart2(mean[i], mean[head], covariance[head]) <= merge_distance**2:
                 left[i] = False
-                total += weight[i]
-                m += weight[i] * mean[i]
-        m /= total
-        for i in order:
-            if members[i]:
-                d = mean[i] - m
-                out_cov[count] += weight[i] / total * (covariance[i] + np.outer(d, d))
-        out_mean[count], out_weight[count] = m, total
+                member[members] = i
+                members += 1
+        _join(components, member[:members], out_mean[count], out_cov[count])
+        for i in member[:members]:
+            out_weight[count] += weight[i]
         count += 1
-    weights = out_weight[:count] / out_weight[:count].sum()
-    by_weight = np.argsort(-weights, kind="mergesort")
-    return out_mean[:count][by_weight], out_cov[:count][by_weight], weights[by_weight]
+    return out_mean[:count], out_cov[:count], out_weight[:count]
+
+
+@njit(cache=True)
+def _apart2(a: FloatArray, b: FloatArray, p: FloatArray) -> float:  # pragma: no cover - compiled
+    """Return the squared Mahalanobis distance of two places under the covariance of the second."""
+    dx, dy = a[0] - b[0], a[1] - b[1]
+    det = p[0, 0] * p[1, 1] - p[0, 1] * p[0, 1]
+    return float((p[1, 1] * dx * dx - 2.0 * p[0, 1] * dx * dy + p[0, 0] * dy * dy) / det)
+
+
+@njit(cache=True)
+def _join(
+    components: tuple[FloatArray, FloatArray, FloatArray],
+    member: IntArray,
+    out_mean: FloatArray,
+    out_cov: FloatArray,
+) -> None:  # pragma: no cover - compiled
+    mean, covariance, weight = components
+    total = 0.0
+    for i in member:
+        total += weight[i]
+    for i in member:
+        for j in range(4):
+            out_mean[j] += weight[i] / total * mean[i, j]
+    for i in member:
+        for j in range(4):
+            for c in range(4):
+                apart = (mean[i, j] - out_mean[j]) * (mean[i, c] - out_mean[c])
+                out_cov[j, c] += weight[i] / total * (covariance[i, j, c] + apart)
