@@ -28,7 +28,7 @@ from app.storage.log import SqlObservationLog
 from app.storage.migrate import current, head, upgrade
 from app.storage.snapshots import SqlSnapshotStore
 from app.storage.tokens import find_token
-from app.storage.tracks import SqlTrackSink
+from app.storage.tracks import SqlTrackStore
 from app.web.pages import mount_web
 
 _LOG = logging.getLogger(__name__)
@@ -125,7 +125,7 @@ def _build(settings: Settings, database: Database, clock: Clock) -> tuple[ApiCon
     directory = SiteDirectory(database)
     hub = Hub()
     ports = SessionPorts(
-        SqlObservationLog(database), SqlSnapshotStore(database), SqlTrackSink(database)
+        SqlObservationLog(database), SqlSnapshotStore(database), SqlTrackStore(database)
     )
     limits = SessionLimits(evict_s=settings.session_evict_s, idle_s=settings.session_idle_s)
     registry = SessionRegistry(ports, directory, hub, clock, limits)

@@ -5,7 +5,7 @@ A session is one uninterrupted use of one phone; the phone names it (``session``
 
 from dataclasses import dataclass
 
-from app.core.types import Observation
+from app.core.types import Observation, TrackPoint
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,6 +73,16 @@ class LoggedBatch:
     observations: tuple[Observation, ...]
     rejected: tuple[Rejection, ...] = ()
     ignored: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class LastPoint:
+    """Where a device was last known to be: the newest stored point of its newest session."""
+
+    device_id: str
+    session_id: str
+    site_id: str
+    point: TrackPoint
 
 
 class LogUnavailableError(Exception):

@@ -7,7 +7,7 @@ from typing import Protocol
 from app.core import engine
 from app.core.engine import SessionState
 from app.core.params import Params
-from app.core.session import LoggedBatch, LogUnavailableError, SessionRecord
+from app.core.session import LastPoint, LoggedBatch, LogUnavailableError, SessionRecord
 from app.core.site import SiteModel
 from app.core.types import Observation, Output, TrackPoint
 
@@ -19,7 +19,7 @@ __all__ = [
     "SessionPorts",
     "SiteSource",
     "SnapshotStore",
-    "TrackSink",
+    "TrackStore",
 ]
 
 
@@ -103,7 +103,7 @@ class ObservationLog(Protocol):
 
 
 class SnapshotStore(Protocol):
-    """Checkpoints of running sessions, written in order with the points of the track sink."""
+    """Checkpoints of running sessions, written in order with the points of tracks."""
 
     async def save(self, session_id: str, state: SessionState) -> None:
         """Replace the session's snapshot; `LogUnavailableError` if that took too long."""
@@ -114,7 +114,7 @@ class SnapshotStore(Protocol):
         ...
 
 
-class TrackSink(Protocol):
+class TrackStore(Protocol):
     """Where whole-second track points of sessions are stored, in the order of the calls."""
 
     def write(self, session_id: str, points: Sequence[TrackPoint]) -> None:
@@ -129,6 +129,10 @@ class TrackSink(Protocol):
         """Wait until everything queued so far is stored."""
         ...
 
+    async def last_points(self) -> list[LastPoint]:
+        """Return where every device with a stored track was last known to be."""
+        ...
+
 
 @dataclass(frozen=True, slots=True)
 class SessionPorts:
@@ -136,5 +140,5 @@ class SessionPorts:
 
     log: ObservationLog
     snapshots: SnapshotStore
-    tracks: TrackSink
+    tracks: TrackStore
     fold: Fold = engine

@@ -92,7 +92,10 @@ class SessionRegistry:
         return await device.mailbox.offer(lambda: self._serve(device, batch))
 
     def latest(self, device_id: str) -> tuple[str, Output] | None:
-        """Return session and output of the device's newest batch since the server started."""
+        """Return session and output of the device's newest batch.
+
+        After a restart it is the last stored point, until the device posts again.
+        """
         latest = self._latest.get(device_id)
         return None if latest is None else (latest.session_id, latest.output)
 
@@ -132,7 +135,12 @@ class SessionRegistry:
         await device.mailbox.run(forget)
 
     async def recover(self) -> None:
-        """Learn at start-up which sessions are unfinished; each wakes up when it is needed."""
+        """Learn at start-up where devices were and which sessions are unfinished.
+
+        A session wakes up when it is needed.
+        """
+        for last in await self._ports.tracks.last_points():
+            self._latest[last.device_id] = _Latest(last.site_id, last.session_id, last.point)
         now_s = self._clock.now_s()
         for record in await self._ports.log.unfinished_sessions():
             slots = self._device(record.device_id).slots

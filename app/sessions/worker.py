@@ -117,7 +117,7 @@ class DeviceSession:
         await self._ports.log.finish_session(self.record.session_id)
 
     async def snapshot(self) -> None:
-        """Save the checkpoint; the points up to it are with the track sink already."""
+        """Save the checkpoint; the points up to it are with the track store already."""
         checkpoint = self._window.checkpoint
         if checkpoint.last_key is not None:
             await self._ports.snapshots.save(self.record.session_id, checkpoint)

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TypeAlias
 
-from sqlalchemy import Connection, Row, Select, delete, func, select, tuple_
+from sqlalchemy import Connection, Row, Select, and_, delete, func, select, tuple_
 
+from app.core.session import LastPoint
 from app.core.types import Method, MotionMode, TrackPoint, Used
 from app.storage.database import Database
 from app.storage.tables import FLOORS, SESSIONS, TRACK_POINTS
@@ -30,7 +31,7 @@ class StoredPoint:
         return _time_us(self.point.time_s), self.session_id
 
 
-class SqlTrackSink:
+class SqlTrackStore:
     """Stores points in the order of the calls, without making the caller wait."""
 
     def __init__(self, database: Database) -> None:
@@ -47,6 +48,10 @@ class SqlTrackSink:
     async def flush(self) -> None:
         """Wait until everything queued so far is stored."""
         await self._database.flush()
+
+    async def last_points(self) -> list[LastPoint]:
+        """Return where every device with a stored track was last known to be."""
+        return await self._database.read(_last_points)
 
 
 def read_track(
@@ -89,6 +94,41 @@ def fixes_at(
     )
     query = select(ranked).where(ranked.c.rank == 1).order_by(ranked.c.device_id)
     return [_stored_point(row) for row in connection.execute(query)]
+
+
+def _last_points(connection: Connection) -> list[LastPoint]:
+    # One look at each session's end: tracks have millions of points.
+    end_us = (
+        select(func.max(TRACK_POINTS.c.time_us))
+        .where(TRACK_POINTS.c.session_id == SESSIONS.c.id)
+        .scalar_subquery()
+    )
+    ends = select(
+        SESSIONS.c.id, SESSIONS.c.device_id, SESSIONS.c.opened_s, end_us.label("time_us")
+    ).subquery()
+    newest_first = func.row_number().over(
+        partition_by=ends.c.device_id, order_by=ends.c.opened_s.desc()
+    )
+    ranked = (
+        select(ends.c.id, ends.c.time_us, newest_first.label("rank"))
+        .where(ends.c.time_us.is_not(None))
+        .subquery()
+    )
+    query = (
+        _points(SESSIONS.c.site_id)
+        .join(
+            ranked,
+            and_(
+                TRACK_POINTS.c.session_id == ranked.c.id,
+                TRACK_POINTS.c.time_us == ranked.c.time_us,
+            ),
+        )
+        .where(ranked.c.rank == 1)
+    )
+    return [
+        LastPoint(row.device_id, row.session_id, row.site_id, _stored_point(row).point)
+        for row in connection.execute(query)
+    ]
 
 
 def _time_us(time_s: float) -> int:

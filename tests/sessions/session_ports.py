@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 from app.core.engine import OrderKey, SessionState, event_time_s, order_key
 from app.core.params import Params
-from app.core.session import LoggedBatch, LogUnavailableError, SessionRecord
+from app.core.session import LastPoint, LoggedBatch, LogUnavailableError, SessionRecord
 from app.core.site import Floor, SiteModel
 from app.core.types import (
     Method,
@@ -197,6 +197,7 @@ class MemoryHistory:
     def __init__(self) -> None:
         self.tracks: dict[str, dict[int, TrackPoint]] = {}
         self.snapshots: dict[str, SessionState] = {}
+        self.sessions: dict[tuple[str, str], SessionRecord] = {}
         self.queue: list[Callable[[], None]] = []
         self.refusing = False
         self.saved = 0
@@ -211,6 +212,13 @@ class MemoryHistory:
         if self.refusing:
             raise LogUnavailableError
         self.crash(kept=len(self.queue))
+
+    async def last_points(self) -> list[LastPoint]:
+        last: dict[str, LastPoint] = {}
+        for r in sorted(self.sessions.values(), key=lambda r: r.opened_s):
+            if track := self.track(r.session_id):
+                last[r.device_id] = LastPoint(r.device_id, r.session_id, r.site_id, track[-1])
+        return list(last.values())
 
     async def save(self, session_id: str, state: SessionState) -> None:
         self.queue.append(lambda: self.snapshots.update({session_id: state}))
@@ -254,6 +262,7 @@ class Server:
     hub: Hub = field(default_factory=Hub)
 
     def __post_init__(self) -> None:
+        self.history.sessions = self.log.sessions
         self.registry = self._process()
 
     def _process(self) -> SessionRegistry:

@@ -1,5 +1,7 @@
 """From the first snapshot to the final track: sleep, restart, end, and coming back."""
 
+from dataclasses import replace
+
 import pytest
 from session_ports import START_S, ChainFold, Server, batch_of, steps_at, straight_track
 
@@ -148,3 +150,23 @@ async def test_trouble_with_history_does_not_stop_the_phone(
     server.history.refusing = False
     await server.run_idle()
     assert server.track() == straight_track(walk, ChainFold())
+
+
+async def test_after_a_restart_each_device_is_where_its_newest_session_ended() -> None:
+    server = Server()
+    await server.registry.submit(batch_of(steps_at(*range(20)), session="first"))
+    server.clock.time_s += 1
+    # A recording of yesterday, posted today, is the newest there is.
+    yesterday = [replace(o, time_s=o.time_s - 86_400.0) for o in steps_at(*range(30))]
+    await server.registry.submit(batch_of(yesterday, session="second", received_s=START_S + 1))
+    await server.registry.submit(batch_of(steps_at(*range(9)), device_id="other"))
+    await server.registry.submit(batch_of([], device_id="silent"))
+    await server.kill(written=99)
+    record = server.log.sessions["phone", "second"]
+    assert server.registry.latest("phone") == (record.session_id, server.track("second")[-1])
+    assert server.registry.latest_at("site") == {
+        "phone": server.track("second")[-1],
+        "other": server.track(device_id="other")[-1],
+    }
+    reply = await server.registry.submit(batch_of(steps_at(25.0), 1, session="first"))
+    assert server.registry.latest("phone") == (reply.session_id, reply.output)

@@ -24,7 +24,7 @@ from app.storage.database import Database
 from app.storage.log import SqlObservationLog
 from app.storage.snapshots import SqlSnapshotStore
 from app.storage.tables import FLOORS, SITES
-from app.storage.tracks import SqlTrackSink, read_track
+from app.storage.tracks import SqlTrackStore, read_track
 
 pytestmark = pytest.mark.anyio
 
@@ -82,7 +82,7 @@ class Process:
     def __init__(self, database: Database) -> None:
         self.clock = ManualClock()
         self.log = SqlObservationLog(database)
-        ports = SessionPorts(self.log, SqlSnapshotStore(database), SqlTrackSink(database))
+        ports = SessionPorts(self.log, SqlSnapshotStore(database), SqlTrackStore(database))
         self.registry = SessionRegistry(ports, WarehouseSite(), Hub(), self.clock, LIMITS)
 
     async def finish(self) -> None:

@@ -7,7 +7,7 @@ from app.storage.database import Database
 from app.storage.log import SqlObservationLog
 from app.storage.snapshots import SqlSnapshotStore
 from app.storage.tables import SNAPSHOTS, TRACK_POINTS
-from app.storage.tracks import SqlTrackSink
+from app.storage.tracks import SqlTrackStore
 
 pytestmark = pytest.mark.anyio
 
@@ -42,6 +42,6 @@ async def test_the_snapshot_of_another_build_is_not_used(
 async def test_points_written_before_a_snapshot_are_stored_with_it(
     store: SqlSnapshotStore, database: Database
 ):
-    SqlTrackSink(database).write("s-1", [track_point(1.0)])
+    SqlTrackStore(database).write("s-1", [track_point(1.0)])
     await store.save("s-1", state(1.0))
     assert await database.read(lambda c: c.scalar(select(TRACK_POINTS.c.time_us))) == 1_000_000

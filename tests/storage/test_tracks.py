@@ -5,11 +5,12 @@ from dataclasses import astuple, replace
 import pytest
 from sample_sessions import session_record, track_point
 
+from app.core.session import LastPoint
 from app.core.types import TrackPoint
 from app.storage.database import Database
 from app.storage.log import SqlObservationLog
 from app.storage.tracks import (
-    SqlTrackSink,
+    SqlTrackStore,
     StoredPoint,
     TrackCursor,
     fixes_at,
@@ -26,12 +27,12 @@ def bits(point: TrackPoint) -> list[object]:
 
 
 @pytest.fixture
-async def sink(database: Database, site: str) -> SqlTrackSink:
+async def sink(database: Database, site: str) -> SqlTrackStore:
     log = SqlObservationLog(database)
     await log.open_session(session_record("s-1", "phone-1", opened_s=1.0))
     await log.open_session(session_record("s-2", "phone-1", opened_s=2.0))
     await log.open_session(session_record("s-3", "phone-2", opened_s=3.0))
-    return SqlTrackSink(database)
+    return SqlTrackStore(database)
 
 
 async def track(
@@ -49,7 +50,7 @@ def times(points: list[StoredPoint]) -> list[tuple[float, str]]:
     return [(p.point.time_s, p.session_id) for p in points]
 
 
-async def test_points_come_back_bit_for_bit(sink: SqlTrackSink, database: Database):
+async def test_points_come_back_bit_for_bit(sink: SqlTrackStore, database: Database):
     points = [
         track_point(1_700_000_000.1, x_m=-0.0),
         replace(track_point(1_700_000_001.0), heading_rad=None, radius95_m=math.inf, zones=()),
@@ -64,7 +65,7 @@ async def test_points_come_back_bit_for_bit(sink: SqlTrackSink, database: Databa
 
 
 async def test_a_point_of_the_same_time_replaces_the_stored_one(
-    sink: SqlTrackSink, database: Database
+    sink: SqlTrackStore, database: Database
 ):
     sink.write("s-1", [track_point(10.0, x_m=1.0), track_point(11.0)])
     sink.write("s-1", [track_point(10.0, x_m=2.0)])
@@ -77,7 +78,7 @@ async def test_a_point_of_the_same_time_replaces_the_stored_one(
 
 
 async def test_replacing_from_an_instant_removes_later_points_of_that_session(
-    sink: SqlTrackSink, database: Database
+    sink: SqlTrackStore, database: Database
 ):
     sink.write("s-1", [track_point(t) for t in (10.0, 11.0, 12.0, 12.4)])
     sink.write("s-2", [track_point(13.0)])
@@ -87,7 +88,7 @@ async def test_replacing_from_an_instant_removes_later_points_of_that_session(
     assert times(await track(database)) == [(10.0, "s-1"), (11.5, "s-1"), (13.0, "s-2")]
 
 
-async def test_pages_of_a_track_join_without_gap_or_repeat(sink: SqlTrackSink, database: Database):
+async def test_pages_of_a_track_join_without_gap_or_repeat(sink: SqlTrackStore, database: Database):
     sink.write("s-1", [track_point(float(t)) for t in range(5)])
     sink.write("s-2", [track_point(float(t)) for t in range(3, 8)])
     await sink.flush()
@@ -99,7 +100,7 @@ async def test_pages_of_a_track_join_without_gap_or_repeat(sink: SqlTrackSink, d
     assert times(paged) == whole
 
 
-async def test_a_track_is_cut_to_its_device_and_both_ends(sink: SqlTrackSink, database: Database):
+async def test_a_track_is_cut_to_its_device_and_both_ends(sink: SqlTrackStore, database: Database):
     sink.write("s-1", [track_point(float(t)) for t in range(5)])
     sink.write("s-3", [track_point(2.0)])
     await sink.flush()
@@ -113,7 +114,7 @@ async def test_a_track_is_cut_to_its_device_and_both_ends(sink: SqlTrackSink, da
 
 
 async def test_fixes_at_an_instant_are_the_latest_of_each_device(
-    sink: SqlTrackSink, database: Database
+    sink: SqlTrackStore, database: Database
 ):
     sink.write("s-1", [track_point(10.0), track_point(11.0), track_point(15.0)])
     sink.write("s-2", [track_point(11.0, x_m=7.0, floor_id="F2")])
@@ -129,3 +130,18 @@ async def test_fixes_at_an_instant_are_the_latest_of_each_device(
     assert await at(15.0, 10.0) == [("phone-1", 15.0, 1.0), ("phone-2", 9.0, 1.0)]
     assert await at(5.0, 2.0) == []
     assert await at(12.0, 10.0, "site-2") == []
+
+
+async def test_last_points_are_the_ends_of_the_devices_newest_sessions_with_a_track(
+    sink: SqlTrackStore, database: Database
+):
+    assert await sink.last_points() == []
+    sink.write("s-1", [track_point(30.0)])
+    sink.write("s-2", [track_point(10.0), track_point(11.0, x_m=7.0)])
+    sink.write("s-3", [track_point(9.0, floor_id="F2")])
+    await SqlObservationLog(database).open_session(session_record("s-4", "phone-2", opened_s=4.0))
+    await sink.flush()
+    assert sorted(await sink.last_points(), key=lambda last: last.device_id) == [
+        LastPoint("phone-1", "s-2", "site-1", track_point(11.0, x_m=7.0)),
+        LastPoint("phone-2", "s-3", "site-1", track_point(9.0, floor_id="F2")),
+    ]
