@@ -122,8 +122,8 @@ class MatchParams:
     cosine_exponent: float = 1.5
     ble_exponent: float = 2.0
     ble_gain: float = 0.2
-    k: int = 20
-    softness: float = 0.02
+    k: int = 15
+    softness: float = 0.05
     max_sorensen: float = 0.97
 
 
@@ -218,10 +218,11 @@ class FusionParams:
     bias_prior_rad, bias_walk_rad
         Angle between phone and walking direction: its spread over walks (11 to 14 degrees for a
         phone held in the hand, some for the building's own frame), and its change per step.
-    scale_prior, scale_walk
-        The same for the logarithm of a person's step length over the modelled one.
-    along_m, cross_m, heading_noise_rad
-        Error of one step along and across its direction, and of its direction.
+    scale_prior
+        Spread of the logarithm of a person's step length over the modelled one.
+    along_m, cross_m
+        Error of one step along and across its direction; larger than the sensors' own, since
+        successive scans err alike and must not be averaged for too long.
     candidate_gate_m2
         Added to a component's covariance when it weighs candidates: its own place may be wrong by
         10 m before far candidates are discounted.
@@ -229,7 +230,7 @@ class FusionParams:
         Variance of candidates about the truth: noise (1 + noise_sorensen D1²), D1 the Sørensen
         distance of the nearest fingerprint (0.1 to 0.3 on a good map).
     student_dof
-        Degrees of freedom of the Student weight: errors of fixes have heavy tails (about 3.5).
+        Degrees of freedom of the Student weight: errors of fixes have heavy tails.
     clutter
         Likelihood per m² of candidates that have nothing to do with the place.
     tempering
@@ -243,28 +244,26 @@ class FusionParams:
         Growth of the variance with time when the sensors show no step, and when there is no sensor:
         1 m²/s is a walker who turns at random every other second.
     lateration_inflation, lateration_floor_m2
-        A lateration fix's covariance as the filter takes it: successive windows overlap by half (2),
-        shadowing errs alike for a second or two of walking (2), and the filter's covariances are
-        wide by 1 / 0.3 (`ReportParams`).
+        A lateration fix's covariance as the filter takes it: windows overlap by half (2), shadowing
+        errs alike for a second or two of walking (2), and the filter's covariances are wide by
+        1 / 0.3 (`ReportParams`).
     """
 
-    bias_prior_rad: float = 0.22
-    bias_walk_rad: float = 0.05
-    scale_prior: float = 0.1
-    scale_walk: float = 0.003
-    along_m: float = 0.25
-    cross_m: float = 0.12
-    heading_noise_rad: float = 0.1
-    candidate_gate_m2: float = 100.0
+    bias_prior_rad: float = 0.28
+    bias_walk_rad: float = 0.07
+    scale_prior: float = 0.15
+    along_m: float = 0.35
+    cross_m: float = 0.2
+    candidate_gate_m2: float = 80.0
     noise_m2: float = 14.0
     noise_sorensen: float = 300.0
-    student_dof: float = 4.0
+    student_dof: float = 8.0
     clutter: float = 1e-4
-    tempering: float = 0.6
+    tempering: float = 0.5
     components: int = 8
     births: int = 3
-    birth_share: float = 0.02
-    merge_distance: float = 0.5
+    birth_share: float = 0.01
+    merge_distance: float = 0.7
     sensor_gap_s: float = 3.0
     sway_m2ps: float = 0.002
     unseen_m2ps: float = 1.0
@@ -302,8 +301,6 @@ class ReportParams:
         Whole seconds are reported for this long after the phone's last word.
     max_age_s
         With no scan for longer the place is not known any more.
-    ahead_s
-        The answer is moved on at the last step's velocity for at most this long: one step.
     fused_s
         Older than this, a scan no longer makes a point "fused": it is dead reckoning.
     covariance_scale, extra_variance_m2
@@ -315,9 +312,8 @@ class ReportParams:
 
     silence_s: float = 10.0
     max_age_s: float = 60.0
-    ahead_s: float = 0.5
     fused_s: float = 10.0
-    covariance_scale: float = 0.3
+    covariance_scale: float = 0.28
     extra_variance_m2: float = 6.0
 
 

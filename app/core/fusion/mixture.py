@@ -4,7 +4,7 @@ Each component is an extended Kalman filter; several of them keep several places
 reckoning and scans agree on one (Sorenson and Alspach 1971). One component alone is the plain EKF.
 
 Model, per step of length l walked in the phone's direction h:
-    x += l e^s cos(h + b),  y += l e^s sin(h + b),  b += N(0, bias_walk²),  s += N(0, scale_walk²)
+    x += l e^s cos(h + b),  y += l e^s sin(h + b),  b += N(0, bias_walk²)
 and per scan with candidates c_i of weight w_i: p(scan | x, y) = Σ w_i N(c_i; (x, y), R) + clutter.
 """
 
@@ -118,14 +118,8 @@ def _priors(params: FusionParams) -> tuple[float, float]:
     return params.bias_prior_rad**2, params.scale_prior**2
 
 
-def _step_noise(params: FusionParams) -> tuple[float, float, float, float, float]:
-    return (
-        params.along_m**2,
-        params.cross_m**2,
-        params.heading_noise_rad**2,
-        params.bias_walk_rad**2,
-        params.scale_walk**2,
-    )
+def _step_noise(params: FusionParams) -> tuple[float, float, float]:
+    return params.along_m**2, params.cross_m**2, params.bias_walk_rad**2
 
 
 @njit(cache=True)
@@ -134,9 +128,9 @@ def _walk(
     covariance: FloatArray,
     length_m: float,
     heading_rad: float,
-    noise: tuple[float, float, float, float, float],
+    noise: tuple[float, float, float],
 ) -> None:  # pragma: no cover - compiled
-    along, cross, turn, bias_walk, scale_walk = noise
+    along, cross, bias_walk = noise
     for k in range(len(mean)):
         m, p = mean[k], covariance[k]
         if math.isnan(heading_rad):
@@ -154,13 +148,11 @@ def _walk(
         for j in range(4):
             p[j, 0] += -length * s * p[j, 2] + length * c * p[j, 3]
             p[j, 1] += length * c * p[j, 2] + length * s * p[j, 3]
-        sideways = cross + length**2 * turn
-        p[0, 0] += along * c * c + sideways * s * s
-        p[1, 1] += along * s * s + sideways * c * c
-        p[0, 1] += (along - sideways) * c * s
+        p[0, 0] += along * c * c + cross * s * s
+        p[1, 1] += along * s * s + cross * c * c
+        p[0, 1] += (along - cross) * c * s
         p[1, 0] = p[0, 1]
         p[2, 2] += bias_walk
-        p[3, 3] += scale_walk
 
 
 @njit(cache=True)
