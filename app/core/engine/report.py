@@ -31,14 +31,13 @@ def report(state: SessionState, time_s: float, site: SiteModel, params: Params) 
     mean, covariance = moments(state.track)
     mode = decided(state.motion, time_s, params.motion_mode).mode
     vx, vy = stride_velocity_mps(state) if mode is MotionMode.WALKING else (0.0, 0.0)
-    since_s = min(time_s - state.stride.time_s, params.report.ahead_s) if state.stride else 0.0
     xx, xy, yy = _calibrated(covariance, params)
     floor = int(np.argmax(state.floor_belief))
     return TrackPoint(
         time_s=time_s,
         floor_id=site.floors[floor].floor_id,
-        x_m=float(mean[0]) + vx * since_s,
-        y_m=float(mean[1]) + vy * since_s,
+        x_m=float(mean[0]),
+        y_m=float(mean[1]),
         covariance_m2=(xx, xy, yy),
         radius95_m=radius95_m(xx, xy, yy),
         speed_mps=math.hypot(vx, vy),
