@@ -13,11 +13,13 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from app.core.engine import advance, finish, start
 from app.core.lateration.windowed import Estimate, estimate
-from app.core.params import LaterationParams
+from app.core.params import LaterationParams, Params
 from app.core.radio.path_loss import expected_levels, level_model
 from app.core.radio.windows import window_of
-from app.core.types import Anchor, Fix, NoFix, NoFixReason
+from app.core.site import Floor, SiteModel
+from app.core.types import Anchor, BleScan, Fix, NoFix, NoFixReason, Reading
 
 NOW_S = 500.0
 EPOCHS, PERIOD_S = 10, 0.2
@@ -48,7 +50,25 @@ def lateration(*, kinematic: bool, params: LaterationParams | None = None) -> Es
     return locate
 
 
+def fused(anchors: tuple[Anchor, ...], heard: Heard) -> Fix | NoFix:
+    """The whole engine, fed with one advertisement scan per epoch."""
+    floor = Floor("f", "Ground", "b", 0, 0.0, 0.0, 14.0, 11.0)
+    site = SiteModel("s", 1, (floor,), anchors)
+    state = start()
+    for time_s in sorted(set(heard.time_s.tolist()) | {NOW_S}):
+        of_epoch = np.flatnonzero(heard.time_s == time_s)
+        readings = tuple(
+            Reading(anchors[heard.anchor_index[i]].keys, float(heard.rssi_dbm[i])) for i in of_epoch
+        )
+        state, _ = advance(state, BleScan(time_s, readings), site, Params())
+    last = finish(state, site, Params())[-1]
+    if isinstance(last, NoFix):
+        return last
+    return Fix(last.time_s, last.x_m, last.y_m, last.covariance_m2, last.method, last.used)
+
+
 ESTIMATORS: dict[str, Estimator] = {
+    "fused": fused,
     "static": lateration(kinematic=False),
     "kinematic": lateration(kinematic=True),
     "static, unknown offset": lateration(

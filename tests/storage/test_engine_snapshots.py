@@ -1,0 +1,25 @@
+"""A snapshot of a real fold, written and read again, has the same future, bit for bit."""
+
+import pytest
+
+from app.core.engine import SessionState, advance, finish, start
+from app.core.params import Params
+from app.core.simulate import walk, warehouse
+from app.storage.codec import TreeCodec
+
+
+@pytest.mark.parametrize("imu", [False, True], ids=["phone steps", "imu"])
+def test_a_restored_state_has_the_same_future(imu):
+    world = warehouse(4)
+    observations = walk(world, 2, start_s=1_700_000_000.0, duration_s=30.0, imu=imu).observations
+    codec, params = TreeCodec(SessionState), Params()
+    state = restored = start()
+    for i, observation in enumerate(observations):
+        if i % 7 == 0:
+            restored = codec.decode(codec.encode(restored))
+        state, outputs = advance(state, observation, world.site, params)
+        restored, again = advance(restored, observation, world.site, params)
+        assert again == outputs
+    ended = finish(state, world.site, params)
+    assert finish(restored, world.site, params) == ended
+    assert codec.encode(restored) == codec.encode(state)
