@@ -17,11 +17,16 @@ def iso_time(time_s: float) -> str:
     return instant.isoformat(timespec="milliseconds").replace("+00:00", "Z")
 
 
-def heading_deg_of(heading_rad: float | None) -> float | None:
-    """Return clockwise-from-north degrees of a core heading."""
-    if heading_rad is None:
+def heading_deg_of(point: TrackPoint, georeference: Georeference | None) -> float | None:
+    """Return the compass heading of a point: degrees clockwise from north.
+
+    The point's own is counter-clockwise from the plan's +x; without georeference that is east.
+    """
+    if point.heading_rad is None:
         return None
-    return round(math.degrees(wrap_angle(math.pi / 2.0 - heading_rad)) % 360.0, 2) % 360.0
+    x_axis_rad = 0.0 if georeference is None else georeference.x_axis_from_east_rad
+    compass_rad = wrap_angle(math.pi / 2.0 - (point.heading_rad + x_axis_rad))
+    return round(math.degrees(compass_rad) % 360.0, 2) % 360.0
 
 
 def fix_json(
@@ -45,7 +50,7 @@ def fix_json(
         "radius95_m": point.radius95_m,
         "covariance": [[xx, xy], [xy, yy]],
         "speed_mps": point.speed_mps,
-        "heading_deg": heading_deg_of(point.heading_rad),
+        "heading_deg": heading_deg_of(point, georeference),
         "motion": point.motion.value,
         "method": point.method.value,
         "profile": point.profile,

@@ -192,7 +192,7 @@ _BUILDERS: dict[type, Callable[[int, Any], IncomingRecord]] = {
 
 
 def heading_rad_of(heading_deg: float) -> float:
-    """Return clockwise-from-north degrees as counter-clockwise-from-+x radians (plan +y north)."""
+    """Return clockwise-from-north degrees as counter-clockwise-from-east radians."""
     return float(wrap_angle(math.pi / 2.0 - math.radians(heading_deg)))
 
 

@@ -54,7 +54,7 @@ def track_csv(points: Iterable[SitePoint], georeference_of: GeoreferenceOf) -> s
                 *lat_lon,
                 point.radius95_m,
                 point.speed_mps,
-                heading_deg_of(point.heading_rad),
+                heading_deg_of(point, georeference),
                 point.motion.value,
                 point.method.value,
                 point.floor_confidence,

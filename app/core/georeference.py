@@ -45,6 +45,16 @@ class Georeference:
     north0_m: float
     residual_rms_m: float
 
+    @property
+    def x_axis_from_east_rad(self) -> float:
+        """Direction of the site frame's +x axis, radians counter-clockwise from east.
+
+        The rotation of the polar decomposition of the matrix, atan2(c - b, a + d): the frame's two
+        scales do not turn it, and its shear is shared by both axes.
+        """
+        a, b, c, d = self.matrix
+        return math.atan2(c - b, a + d)
+
     def to_wgs84(self, x_m: float, y_m: float) -> tuple[float, float]:
         """Return latitude and longitude of a place in the site frame, degrees."""
         a, b, c, d = self.matrix

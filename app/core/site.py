@@ -45,6 +45,9 @@ class SiteModel:
     ----------
     floors
         Ordered; ``floor_index`` everywhere in core is the index into this tuple.
+    x_axis_from_east_rad
+        Direction of the plan's +x axis, counter-clockwise from east. A heading that a phone reports
+        less this is its heading on the plan.
     """
 
     site_id: str
@@ -52,6 +55,7 @@ class SiteModel:
     floors: tuple[Floor, ...]
     anchors: tuple[Anchor, ...] = ()
     radio_map: RadioMap | None = None
+    x_axis_from_east_rad: float = 0.0
     anchor_by_key: dict[str, int] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:

@@ -1,8 +1,10 @@
 """The values that travel through the engine: observations in, track points or their absence out.
 
-Frames: metres in the site's one metric frame (x east / right, y north / up on the plan); angles in
-radians counter-clockwise from +x. Times are seconds since the Unix epoch as floats (event time: the
-phone's clock after the session's frozen offset).
+Frames: metres in the site's one metric frame (x right, y up on the plan). Angles are radians
+counter-clockwise: what a phone reports from east (`Steps`, `ImuBlock`), what is told of it from the
+plan's +x (`TrackPoint`). `SiteModel.x_axis_from_east_rad` lies between the two; a site that is not
+on the globe has its plan north up, and both are the same. Times are seconds since the Unix epoch as
+floats (event time: the phone's clock after the session's frozen offset).
 """
 
 from dataclasses import dataclass, field
@@ -88,7 +90,8 @@ class BleScan:
 class Steps:
     """Steps told by the phone's own detector.
 
-    ``heading_rad`` is the walking direction as the phone believes it (core frame), if it does.
+    ``heading_rad`` is the walking direction as the phone believes it, if it does: radians
+    counter-clockwise from east, whatever the plan's rotation.
     """
 
     time_s: float
@@ -199,7 +202,7 @@ class TrackPoint:
     radius95_m
         Radius of the circle that is predicted to hold the true position in 95 of 100 cases.
     heading_rad
-        Direction of walking, None while unknown.
+        Direction of walking, counter-clockwise from the plan's +x; None while unknown.
     age_s
         Time since the newest observation that told the position (not only that time passed).
     """

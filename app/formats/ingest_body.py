@@ -114,7 +114,7 @@ def _steps(steps: Steps) -> Record:
 
 
 def _heading_deg(heading_rad: float) -> float:
-    """Return clockwise-from-north degrees (0..360) of counter-clockwise-from-+x radians."""
+    """Return clockwise-from-north degrees (0..360) of counter-clockwise-from-east radians."""
     return (90.0 - math.degrees(heading_rad)) % 360.0
 
 

@@ -73,9 +73,9 @@ class SiteDirectory:
                     models[site_id] = model
             self._sites, self._models = stored, models
             self._georeferences = {
-                site_id: fit_georeference(control_points(site.georeference))
+                site_id: georeference
                 for site_id, site in stored.items()
-                if site.georeference is not None
+                if (georeference := _georeference(site)) is not None
             }
 
 
@@ -90,6 +90,7 @@ def load_site_model(connection: Connection, site_id: str) -> SiteModel | None:
     if site is None:
         return None
     stored = floors.floors_of_site(connection, site_id)
+    georeference = _georeference(site)
     radio_map = radio_maps.load_active(connection, site_id)
     return SiteModel(
         site_id=site_id,
@@ -97,7 +98,14 @@ def load_site_model(connection: Connection, site_id: str) -> SiteModel | None:
         floors=tuple(_floor(connection, floor) for floor in stored),
         anchors=anchors_of_site(connection, site_id),
         radio_map=_fitted(radio_map, tuple(floor.floor_id for floor in stored)),
+        x_axis_from_east_rad=georeference.x_axis_from_east_rad if georeference else 0.0,
     )
+
+
+def _georeference(site: StoredSite) -> Georeference | None:
+    if site.georeference is None:
+        return None
+    return fit_georeference(control_points(site.georeference))
 
 
 def _floor(connection: Connection, stored: StoredFloor) -> Floor:
@@ -141,7 +149,10 @@ async def edit_site(
     """Change a site; ``edit`` gets it as stored."""
 
     def statement(connection: Connection) -> StoredSite:
-        edited = edit(_seen_site(connection, site_id, seen))
+        before = _seen_site(connection, site_id, seen)
+        edited = edit(before)
+        if edited.georeference != before.georeference:
+            sites.touch_model(connection, site_id)
         return replace(edited, row_version=sites.update_site(connection, edited))
 
     return await write(database, statement)

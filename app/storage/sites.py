@@ -18,7 +18,8 @@ class StoredSite:
     georeference
         Control points as JSON (`app.core.georeference`), None while the site is not on the globe.
     model_version
-        Counts the edits of all that the engine sees: floors, maps, beacons, the active radio map.
+        Counts the edits of all that the engine sees: floors, maps, beacons, the active radio map,
+        the georeference.
     row_version
         Counts the edits of this row: its ETag.
     """

@@ -186,3 +186,40 @@ async def test_no_fix_yet_says_why(server: ApiServer) -> None:
         answer = (await phone.get("/v1/devices/phone-7/fix")).json()
     assert answer["fix"] is None
     assert answer["no_fix"]["reason"]
+
+
+NORTH = [
+    {"x": 0.0, "y": 0.0, "lat": 48.0, "lon": 8.0},
+    {"x": 100.0, "y": 0.0, "lat": 48.001, "lon": 8.0},
+    {"x": 0.0, "y": 100.0, "lat": 48.0, "lon": 7.999},
+]
+
+
+@pytest.mark.parametrize(("points", "axis"), [(None, "y"), (NORTH, "x")])
+async def test_walking_north_goes_where_north_is_on_the_plan(
+    server: ApiServer, points: list | None, axis: str
+) -> None:
+    async with server.client("admin") as admin:
+        # Whatever was seen of the site before: its georeference counts at once.
+        put = await admin.put("/v1/sites/lab/georeference", json={"control_points": POINTS})
+        assert put.status_code == 200
+        path = "/v1/sites/lab/georeference"
+        if points is None:
+            assert (await admin.delete(path)).status_code == 204
+        else:
+            put = await admin.put(path, json={"control_points": points})
+            assert put.status_code == 200
+        record = ble_record(5.0, 5.0, NOW_S * 1000.0)
+        start = await admin.post("/v1/ingest", json=batch(record, site="lab"))
+        steps = [
+            {"k": "step", "t_ms": NOW_S * 1000.0 + 600.0 * i, "len_m": 0.7, "heading_deg": 0.0}
+            for i in range(1, 6)
+        ]
+        reply = await admin.post("/v1/ingest", json=batch(*steps, seq=1, site="lab"))
+        assert reply.status_code == 200, reply.text
+        csv_track = await admin.get(TRACK, headers={"Accept": "text/csv"})
+    fix = reply.json()["fix"]
+    assert fix[axis] - start.json()["fix"][axis] > 2.0
+    assert abs((fix["heading_deg"] + 180.0) % 360.0 - 180.0) < 20.0
+    (*_, last) = csv.DictReader(io.StringIO(csv_track.text))
+    assert float(last["heading_deg"]) == fix["heading_deg"]

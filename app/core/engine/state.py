@@ -15,7 +15,8 @@ from app.core.types import FloatArray, Method, NoFixReason, Used
 class Stride:
     """A step with its length, waiting for its time or taken.
 
-    ``heading_rad`` is where the phone pointed (nan: unknown); ``seconds`` how long the step took.
+    ``heading_rad`` is where the phone pointed on the plan (nan: unknown); ``seconds`` how long the
+    step took.
     """
 
     time_s: float

@@ -33,12 +33,12 @@ def find_strides(
 
     Where the phone tells steps itself they are only used for its heading.
     """
-    _ = site
     detector, steps = detect_steps(state.detector, block, params.step)
     if state.phone_steps_s is not None:
         return replace(state, detector=detector)
     strides = tuple(
-        Stride(s.time_s, step_length_m(s, params.step), s.heading_rad, s.interval_s) for s in steps
+        Stride(s.time_s, step_length_m(s, params.step), _on_plan(s.heading_rad, site), s.interval_s)
+        for s in steps
     )
     return replace(state, detector=detector, pending=state.pending + strides)
 
@@ -47,16 +47,18 @@ def take_phone_steps(
     state: SessionState, steps: Steps, site: SiteModel, params: Params
 ) -> SessionState:
     """Walk the steps that the phone tells, with its heading or the one our detector follows."""
-    _ = site
     heading_rad = steps.heading_rad
     if heading_rad is None:
         heading_rad = state.detector.heading_rad
+    heading_rad = _on_plan(heading_rad, site)
     length_m = params.step.usual_length_m if steps.step_length_m is None else steps.step_length_m
     seconds = 1.0 / params.step.cadence_hz
     strides = tuple(
         Stride(steps.time_s, length_m, heading_rad, seconds) for _ in range(steps.count)
     )
-    state = replace(state, pending=(*state.pending, *strides), phone_steps_s=steps.time_s)
+    # From the phone's first word on, what our detector still has waiting would count twice.
+    waiting = () if state.phone_steps_s is None else state.pending
+    state = replace(state, pending=(*waiting, *strides), phone_steps_s=steps.time_s)
     return take_strides(state, steps.time_s, params)
 
 
@@ -64,19 +66,24 @@ def spread_pedometer(
     state: SessionState, interval: Pedometer, site: SiteModel, params: Params
 ) -> SessionState:
     """Spread a pedometer interval's steps evenly over its time."""
-    _ = site
     if not interval.steps:
         return state
     seconds = (interval.end_s - interval.time_s) / interval.steps
     length_m = params.step.usual_length_m
     if interval.distance_m is not None:
         length_m = interval.distance_m / interval.steps
+    heading_rad = _on_plan(state.detector.heading_rad, site)
     strides = tuple(
-        Stride(interval.time_s + seconds * (i + 1), length_m, state.detector.heading_rad, seconds)
+        Stride(interval.time_s + seconds * (i + 1), length_m, heading_rad, seconds)
         for i in range(interval.steps)
     )
     pending = tuple(sorted((*state.pending, *strides), key=lambda s: s.time_s))
     return replace(state, pending=pending, phone_steps_s=interval.time_s)
+
+
+def _on_plan(heading_rad: float, site: SiteModel) -> float:
+    """Turn a heading that the phone reports, from east, into one from the plan's +x."""
+    return heading_rad - site.x_axis_from_east_rad
 
 
 def take_strides(state: SessionState, until_s: float, params: Params) -> SessionState:
