@@ -38,7 +38,9 @@ class DeviceFields(StrictModel):
     name: Text = ""
     person: Text | None = None
     level_offset_db: Annotated[float, Field(ge=-40, le=40)] = Field(
-        0.0, description="Added to every level it reports"
+        0.0,
+        description="How much louder than others it hears; taken off every level that it reports"
+        " from its next batch on",
     )
 
 

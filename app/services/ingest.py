@@ -6,6 +6,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 from app.core.session import LogUnavailableError, Rejection
+from app.core.types import BleScan, Observation, WifiScan
 from app.services.access import Principal, Role
 from app.services.errors import AppError, ErrorCode, invalid_field, unavailable
 from app.services.site_choice import Sites, choose_params, choose_site
@@ -95,7 +96,7 @@ class IngestService:
                 profile=params.profile,
                 received_s=now_s,
                 clock=upload.clock,
-                records=upload.records,
+                records=_levelled(upload.records, device.level_offset_db),
                 rejected=upload.rejected,
                 ignored=upload.ignored,
             )
@@ -125,6 +126,28 @@ class IngestService:
             self._remembered.clear()
         seen = replace(device, site_id=site_id, first_seen_s=device.first_seen_s or now_s)
         self._remembered[upload.device_id] = _Remembered(now_s + _REMEMBER_S, seen)
+
+
+def _levelled(records: tuple[IncomingRecord, ...], offset_db: float) -> tuple[IncomingRecord, ...]:
+    """Take a device's offset off its levels; they are logged like this, so replay needs no offset.
+
+    An edited offset counts from the next batch on. The batch's digest is of what was sent: a retry
+    is still known.
+    """
+    if offset_db == 0.0:
+        return records
+    return tuple(
+        replace(record, observation=_shifted(record.observation, offset_db)) for record in records
+    )
+
+
+def _shifted(observation: Observation, offset_db: float) -> Observation:
+    if not isinstance(observation, WifiScan | BleScan):
+        return observation
+    readings = (
+        replace(reading, rssi_dbm=reading.rssi_dbm - offset_db) for reading in observation.readings
+    )
+    return replace(observation, readings=tuple(readings))
 
 
 def _check_rights(principal: Principal, upload: Upload) -> None:

@@ -20,7 +20,7 @@ class StoredDevice:
     last_seen_s
         When its newest batch came.
     level_offset_db
-        Added to every level it reports.
+        How much louder than others it hears; taken off every level it reports.
     """
 
     device_id: str

@@ -162,7 +162,7 @@ DEVICES = Table(
     Column("platform", String),
     Column("model", String),
     Column("profile", String),
-    # Added to every level this phone model reports.
+    # How much louder than others it hears; taken off every level it reports.
     Column("level_offset_db", Double, nullable=False, server_default="0"),
     Column("first_seen_s", Double),
     Column("last_seen_s", Double),
