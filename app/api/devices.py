@@ -97,6 +97,7 @@ async def patch_device(
         return replace(device, **patched(DeviceFields(**_fields(device)), patch).model_dump())
 
     stored = await device_service.edit_device(context.database, device_id, seen, edit)
+    context.ingest.forget(device_id)
     return tagged(response, stored.row_version, _view(stored, context.clock.now_s()))
 
 
@@ -105,6 +106,7 @@ async def erase_device(device_id: str, principal: Admin, context: Context, seen:
     """Erase a device: its observations, tracks and own tokens, for good."""
     await device_in_scope(context, principal, device_id)
     await device_service.erase_device(context.database, context.registry, device_id, seen)
+    context.ingest.forget(device_id)
     context.authenticator.forget()
 
 

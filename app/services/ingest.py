@@ -28,8 +28,8 @@ from app.storage.database import Database, DatabaseUnavailableError
 from app.storage.devices import StoredDevice, get_device
 from app.storage.enrolment import Sighting, record_sighting
 
-# What is remembered of a device is read again after this, and its last_seen written: an admin's
-# edit counts within a minute, and a phone posting every second costs one write a minute.
+# What is remembered of a device is read again after this, and its last_seen written: another
+# process's edit counts within a minute, and a phone posting every second costs one write a minute.
 _REMEMBER_S = 60.0
 _MAX_REMEMBERED = 50_000
 
@@ -54,7 +54,7 @@ class Upload:
 
 @dataclass(frozen=True, slots=True)
 class _Remembered:
-    """A device as it was last read or written."""
+    """A device as it was last read or written; without a time yet while its batch is served."""
 
     until_s: float
     device: StoredDevice
@@ -104,10 +104,18 @@ class IngestService:
             self._note_sighting(upload, device, site.site_id, now_s)
             return site.site_id, submitted
 
+    def forget(self, device_id: str) -> None:
+        """Read a device anew for its next batch: an admin has changed it."""
+        self._remembered.pop(device_id, None)
+
     async def _device(self, device_id: str) -> StoredDevice:
         remembered = self._remembered.get(device_id)
         if remembered is not None and self._clock.now_s() < remembered.until_s:
             return remembered.device
+        if len(self._remembered) >= _MAX_REMEMBERED:
+            self._remembered.clear()
+        # Gone again when the device is edited before its batch is served: then it is read again.
+        self._remembered[device_id] = _Remembered(-math.inf, StoredDevice(device_id))
         stored = await self._database.read(lambda connection: get_device(connection, device_id))
         return stored or StoredDevice(device_id)
 
@@ -115,15 +123,13 @@ class IngestService:
         self, upload: Upload, device: StoredDevice, site_id: str, now_s: float
     ) -> None:
         remembered = self._remembered.get(upload.device_id)
-        if remembered is not None and now_s < remembered.until_s and device.site_id == site_id:
+        if remembered is None or (now_s < remembered.until_s and device.site_id == site_id):
             return
         sighting = Sighting(upload.device_id, site_id, upload.platform, upload.model, now_s)
         self._database.submit(lambda connection: record_sighting(connection, sighting))
         if device.first_seen_s is None:
             content = {"event": "enrolled", "device_id": upload.device_id, "site_id": site_id}
             self._hub.publish_event(Topic.DEVICES, content, site_id, upload.device_id)
-        if len(self._remembered) >= _MAX_REMEMBERED:
-            self._remembered.clear()
         seen = replace(device, site_id=site_id, first_seen_s=device.first_seen_s or now_s)
         self._remembered[upload.device_id] = _Remembered(now_s + _REMEMBER_S, seen)
 

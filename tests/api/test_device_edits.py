@@ -36,7 +36,6 @@ async def test_a_devices_level_offset_is_taken_off_what_it_hears(server: ApiServ
     loud = await fix_of(server, louder(heard), session="before")
     assert abs(loud["x"] - honest["x"]) + abs(loud["y"] - honest["y"]) > 0.1
     await edit(server, level_offset_db=LOUDER_DB)
-    server.clock.time_s += 61.0
     levelled = await fix_of(server, louder(heard), session="after")
     for field in ("x", "y", "radius95_m"):
         assert levelled[field] == pytest.approx(honest[field], abs=1e-6)
@@ -46,7 +45,19 @@ async def test_an_edited_level_offset_changes_nothing_that_was_posted(server: Ap
     heard = louder(ble_record(6.0, 4.0, NOW_S * 1000.0))
     before = await fix_of(server, heard)
     await edit(server, level_offset_db=LOUDER_DB)
-    server.clock.time_s += 61.0
     registry = server.app.state.context.registry
     await registry.close()
     assert await fix_of(server, heard) == before
+
+
+async def test_an_erased_device_comes_back_as_a_new_one(server: ApiServer) -> None:
+    heard = ble_record(6.0, 4.0, NOW_S * 1000.0)
+    body = batch(heard, site="lab", device={"id": "phone-7", "platform": "ios", "model": "15"})
+    async with server.client("admin") as admin:
+        for model in ("first", "second"):
+            body["device"]["model"] = model
+            assert (await admin.post("/v1/ingest", json=body)).status_code == 200
+            await server.app.state.context.database.flush()
+            device = (await admin.get("/v1/devices/phone-7")).json()
+            assert (device["platform"], device["model"]) == ("ios", model)
+            assert (await admin.delete("/v1/devices/phone-7")).status_code == 204
