@@ -22,6 +22,7 @@ from typing import TypeAlias
 
 import numpy as np
 from numba import njit
+from numba.extending import register_jitable
 
 from app.core.radio.path_loss import DZ2, INTERCEPT, SLOPE, X, Y, squared_distance
 from app.core.types import FloatArray, IntArray
@@ -43,7 +44,7 @@ FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-9, 1e7
 """Range of lambda: nearly pure Gauss-Newton at first; at most, steps too small to matter."""
 
 
-@njit(cache=True)
+@register_jitable
 def normal_equations(
     rows: Rows,
     table: FloatArray,
@@ -72,8 +73,7 @@ def normal_equations(
     k, velocity_information, offset_information = priors
     p = len(state)
     row = np.zeros(p)
-    A[:] = 0.0
-    g[:] = 0.0
+    _clear(A, g)
     cost = 0.0
     for j in range(len(anchor)):
         i = anchor[j]
@@ -101,7 +101,7 @@ def normal_equations(
     return cost + _add_priors(state, with_offset, informations, A, g)
 
 
-@njit(cache=True)
+@register_jitable
 def _add_priors(
     state: FloatArray,
     with_offset: bool,
@@ -123,6 +123,14 @@ def _add_priors(
     return cost
 
 
+@register_jitable
+def _clear(A: FloatArray, g: FloatArray) -> None:
+    for a in range(len(g)):
+        g[a] = 0.0
+        for b in range(len(g)):
+            A[a, b] = 0.0
+
+
 @njit(cache=True)
 def minimise(
     rows: Rows,
@@ -135,17 +143,18 @@ def minimise(
     Parameters are those of `normal_equations`; ``start`` : (p,) is left as it is.
     """
     p = len(start)
-    state = start.copy()
+    state, trial, step = start.copy(), np.empty(p), np.empty(p)
     A, g = np.empty((p, p)), np.empty(p)
-    A_trial, g_trial = np.empty((p, p)), np.empty(p)
+    A_trial, g_trial, L = np.empty((p, p)), np.empty(p), np.empty((p, p))
     cost = normal_equations(rows, table, state, priors, (A, g))
     damping = FIRST_DAMPING
     for _ in range(MAX_ITERATIONS):
-        step = damped_step(A, g, damping)
-        trial = state + step
+        damped_step(A, g, damping, L, step)
+        for a in range(p):
+            trial[a] = state[a] + step[a]
         trial_cost = normal_equations(rows, table, trial, priors, (A_trial, g_trial))
         if trial_cost <= cost:
-            state, cost = trial, trial_cost
+            state, trial, cost = trial, state, trial_cost
             A, A_trial = A_trial, A
             g, g_trial = g_trial, g
             damping = max(0.1 * damping, LEAST_DAMPING)
@@ -158,32 +167,36 @@ def minimise(
     return state, cost, A
 
 
-@njit(cache=True)
-def damped_step(A: FloatArray, g: FloatArray, damping_scale: float) -> FloatArray:
-    """Return ``(A + lambda diag A)^-1 g``; zeros where the matrix is not positive definite."""
+@register_jitable
+def damped_step(
+    A: FloatArray, g: FloatArray, damping_scale: float, L: FloatArray, step: FloatArray
+) -> None:
+    """Fill the step ``(A + lambda diag A)^-1 g``; zeros where that is not positive definite.
+
+    ``L`` (p, p) is left with the matrix's Cholesky factor.
+    """
     p = len(g)
-    B = A.copy()
     for a in range(p):
-        B[a, a] += damping_scale * A[a, a]
-    if not cholesky(B):
-        return np.zeros(p)
-    return _substitute(B, g)
+        step[a] = g[a]
+        for b in range(p):
+            L[a, b] = A[a, b]
+        L[a, a] += damping_scale * A[a, a]
+    if cholesky(L):
+        substitute(L, step)
+    else:
+        for a in range(p):
+            step[a] = 0.0
 
 
-@njit(cache=True)
-def inverse(A: FloatArray) -> tuple[bool, FloatArray]:
-    """Return whether A (p, p) is safely positive definite, and its inverse (zeros if not)."""
-    p = len(A)
+def inverse(A: FloatArray) -> FloatArray | None:
+    """Return the inverse of A (p, p); None if A is not safely positive definite."""
     L = A.copy()
-    D = np.zeros((p, p))
     if not cholesky(L):
-        return False, D
-    unit = np.zeros(p)
-    for a in range(p):
-        unit[:] = 0.0
-        unit[a] = 1.0
-        D[:, a] = _substitute(L, unit)
-    return True, 0.5 * (D + D.T)
+        return None
+    D = np.eye(len(A))
+    for column in D:
+        substitute(L, column)
+    return np.asarray(0.5 * (D + D.T))
 
 
 @njit(cache=True)
@@ -207,10 +220,9 @@ def cholesky(A: FloatArray) -> bool:
 
 
 @njit(cache=True)
-def _substitute(L: FloatArray, g: FloatArray) -> FloatArray:
-    """Solve ``L L' s = g``."""
-    p = len(g)
-    s = g.copy()
+def substitute(L: FloatArray, s: FloatArray) -> None:
+    """Replace s (p,) by the solution of ``L L' x = s``."""
+    p = len(s)
     for a in range(p):
         for c in range(a):
             s[a] -= L[a, c] * s[c]
@@ -219,4 +231,3 @@ def _substitute(L: FloatArray, g: FloatArray) -> FloatArray:
         for c in range(a + 1, p):
             s[a] -= L[c, a] * s[c]
         s[a] /= L[a, a]
-    return s

@@ -16,16 +16,20 @@ is wider than ``max_sigma_m``, there is no fix.
 """
 
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 from numba import njit
 
 from app.core.lateration.gauss_newton import Priors, Rows, inverse, minimise
-from app.core.lateration.surface import basins, box_around, in_box, is_gaussian, posterior_moments
+from app.core.lateration.surface import basins, box_around, inside, is_gaussian, posterior_moments
 from app.core.params import LaterationParams
 from app.core.radio.path_loss import SIGMA, LevelModel, X, Y
 from app.core.radio.windows import Window
 from app.core.types import Fix, FloatArray, IntArray, Method, NoFix, NoFixReason, Used
+
+Heard: TypeAlias = tuple[IntArray, FloatArray, FloatArray]
+"""Anchor, tau (s) and level (dBm) of each reading, sorted by anchor."""
 
 WALKING_SPEED_MPS = 1.3
 """Usual speed of a person on foot (indoors 1.0 to 1.5). Where no velocity can be estimated, a
@@ -88,8 +92,7 @@ def estimate(
         model.table,
         kinematic,
         _priors(params),
-        params.shadowing_correlation,
-        params.search_margin_m,
+        params,
     )
     if not _worst_variance(D) <= params.max_sigma_m**2:
         return NoFix(at_s, NoFixReason.DEGENERATE_GEOMETRY)
@@ -133,89 +136,68 @@ def _chi2(v: FloatArray, D: FloatArray) -> float:
     return float((D[1, 1] * v[0] ** 2 - 2.0 * D[0, 1] * v[0] * v[1] + D[0, 0] * v[1] ** 2) / det)
 
 
-@njit(cache=True)
 def _solve(
-    heard: tuple[IntArray, FloatArray, FloatArray],
-    table: FloatArray,
-    kinematic: bool,
-    priors: Priors,
-    correlation: float,
-    margin_m: float,
+    heard: Heard, table: FloatArray, kinematic: bool, priors: Priors, params: LaterationParams
 ) -> tuple[FloatArray, FloatArray, bool]:
-    """Return state (p,), covariance (p, p) and whether they are Gauss-Newton's.
-
-    ``heard`` is anchor, tau (s) and level (dBm) of each reading, sorted by anchor.
-    """
-    readings, means = _weighed(heard, table, priors[0], correlation)
-    places = np.empty((len(means[0]), 2))
-    for j, i in enumerate(means[0]):
-        places[j, 0], places[j, 1] = table[i, X], table[i, Y]
-    surface = (means, table, box_around(places, margin_m), priors)
+    """Return state (p,), covariance (p, p) and whether they are Gauss-Newton's."""
+    readings, means = _weighed(heard, table, priors[0], params.shadowing_correlation)
+    box = box_around(table[means[0], X : Y + 1], params.search_margin_m)
+    surface = (means, table, box, priors)
     found = basins(surface)
     static, _, A = minimise(means, table, found[0][np.argmin(found[1])], priors)
-    regular, D = inverse(A)
-    if (
-        regular
-        and _inside(surface[2], static)
-        and is_gaussian(surface, static[:2], D[:2, :2], found)
-    ):
+    D = inverse(A)
+    if D is not None and inside(box, static) and is_gaussian(surface, static, D, found):
         state, A = _refined(readings, table, static, kinematic, priors)
-        regular, D = inverse(A)
-        if regular and _inside(surface[2], state):
+        D = inverse(A)
+        if D is not None and inside(box, state):
             return state, D, True
     mean, D = posterior_moments(surface)
     if kinematic:
-        reach2 = 0.5 * (WALKING_SPEED_MPS * readings[1].mean()) ** 2
-        D[0, 0] += reach2
-        D[1, 1] += reach2
+        reach2 = 0.5 * (WALKING_SPEED_MPS * float(readings[1].mean())) ** 2
+        D += reach2 * np.eye(2)
     return mean, D, False
 
 
-@njit(cache=True)
-def _weighed(
-    heard: tuple[IntArray, FloatArray, FloatArray], table: FloatArray, k: float, correlation: float
-) -> tuple[Rows, Rows]:
+def _weighed(heard: Heard, table: FloatArray, k: float, correlation: float) -> tuple[Rows, Rows]:
     """Return the readings with their precisions, and their robust means per anchor with theirs.
 
     M readings with correlation rho count as ``M / (1 + rho (M - 1))`` independent ones (Kish's
     design effect); each gets its share of that.
     """
     anchor, tau_s, rssi_dbm = heard
-    n = len(anchor)
-    precision = np.empty(n)
-    which, level = np.empty(n, np.int64), np.empty(n)
-    level_precision = np.empty(n)
-    groups, first = 0, 0
-    for j in range(n):
-        if j + 1 < n and anchor[j + 1] == anchor[j]:
-            continue
-        count = j + 1 - first
-        effect = 1.0 + correlation * (count - 1)
-        precision[first : j + 1] = 1.0 / (table[anchor[j], SIGMA] * np.sqrt(effect))
-        which[groups] = anchor[j]
-        level[groups] = _huber_mean(rssi_dbm[first : j + 1], k * table[anchor[j], SIGMA])
-        level_precision[groups] = precision[j] * np.sqrt(count)
-        groups, first = groups + 1, j + 1
-    tau_zero = np.zeros(groups)
-    means = (which[:groups], tau_zero, level[:groups], level_precision[:groups])
-    return (anchor, tau_s, rssi_dbm, precision), means
+    bounds = np.flatnonzero(np.concatenate(([True], anchor[1:] != anchor[:-1], [True])))
+    count = bounds[1:] - bounds[:-1]
+    which = anchor[bounds[:-1]]
+    sigma_db = table[which, SIGMA]
+    share = 1.0 / (sigma_db * np.sqrt(1.0 + correlation * (count - 1)))
+    level_dbm = _huber_means(rssi_dbm, bounds, k * sigma_db)
+    means = (which, np.zeros(len(which)), level_dbm, share * np.sqrt(count))
+    return (anchor, tau_s, rssi_dbm, np.repeat(share, count)), means
 
 
 @njit(cache=True)
-def _huber_mean(values: FloatArray, bound: float) -> float:
-    """Return the mean of values that count less the farther, beyond a bound, they are from it."""
-    mean = values.mean()
-    for _ in range(HUBER_ROUNDS):
-        weighted, total = 0.0, 0.0
-        for value in values:
-            weight = bound / max(abs(value - mean), bound)
-            weighted += weight * value
-            total += weight
-        mean = weighted / total
-    return float(mean)
+def _huber_means(values: FloatArray, bounds: IntArray, limit: FloatArray) -> FloatArray:
+    """Return the mean of each group ``values[bounds[i]:bounds[i + 1]]``, robustly.
+
+    A value counts less the farther, beyond its group's limit, it is from the mean.
+    """
+    means = np.empty(len(limit))
+    for group in range(len(limit)):
+        members = range(bounds[group], bounds[group + 1])
+        mean = 0.0
+        for j in members:
+            mean += values[j] / len(members)
+        for _ in range(HUBER_ROUNDS):
+            weighted, total = 0.0, 0.0
+            for j in members:
+                weight = limit[group] / max(abs(values[j] - mean), limit[group])
+                weighted += weight * values[j]
+                total += weight
+            mean = weighted / total
+        means[group] = mean
+    return means
 
 
-@njit(cache=True)
 def _refined(
     readings: Rows,
     table: FloatArray,
@@ -224,17 +206,7 @@ def _refined(
     priors: Priors,
 ) -> tuple[FloatArray, FloatArray]:
     """Return state and information from all readings one by one, started at the static solution."""
-    with_offset = len(static) == 3
-    start = np.zeros((4 if kinematic else 2) + (1 if with_offset else 0))
-    start[:2] = static[:2]
-    if with_offset:
-        start[-1] = static[-1]
+    velocity = np.zeros(2 if kinematic else 0)
+    start = np.concatenate((static[:2], velocity, static[2:]))
     state, _, A = minimise(readings, table, start, priors)
     return state, A
-
-
-@njit(cache=True)
-def _inside(box: FloatArray, state: FloatArray) -> bool:
-    """Return whether a place lies in the search box."""
-    along, across = in_box(box, state[0], state[1])
-    return bool(abs(along) <= box[4] and abs(across) <= box[5])

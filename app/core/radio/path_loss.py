@@ -20,7 +20,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
+from numba.extending import register_jitable
 
 from app.core.types import Anchor, FloatArray
 
@@ -125,7 +125,7 @@ def distances_of_levels(model: LevelModel, rssi_dbm: FloatArray) -> FloatArray:
     )
 
 
-@njit(cache=True)
+@register_jitable
 def squared_distance(dx_m: float, dy_m: float, dz2_m2: float) -> float:
     """Return the squared distance in space, bounded by the near field (kernels)."""
     return max(dx_m * dx_m + dy_m * dy_m + dz2_m2, NEAR_FIELD_M * NEAR_FIELD_M)
