@@ -2,13 +2,14 @@
 
 from typing import Annotated
 
-from fastapi import APIRouter, Body, Depends, Request, Response
+from fastapi import Body, Depends, Request, Response
 from pydantic import BaseModel, Field
 
 from app.api.auth import COOKIE, Principal, require
 from app.api.context import context_of
+from app.api.resource import registry_router
 
-router = APIRouter(prefix="/v1", tags=["access"])
+router = registry_router("/v1", "access")
 
 
 class LoginBody(BaseModel):

@@ -25,6 +25,7 @@ BODIES = [
     ("POST", "/v1/sites", JSON, b"\xff", 400),
     ("POST", "/v1/sites", JSON, b"", 422),
     ("POST", "/v1/sites", JSON, b" " * 2_000_000, 413),
+    ("POST", "/v1/login", JSON, b" " * 2_000_000, 413),
     ("POST", "/v1/sites", {"Content-Type": "text/plain"}, b'{"name":"x"}', 422),
     ("POST", "/v1/sites", JSON, b'{"name":"x","retention_days":NaN}', 422),
     ("POST", "/v1/sites", JSON, b'{"name":"x","retention_days":1e999}', 422),
