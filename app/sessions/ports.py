@@ -68,12 +68,8 @@ class ObservationLog(Protocol):
         """Store a new session, or return the stored one of the same device and session name."""
         ...
 
-    async def find_session(self, device_id: str, session: str) -> SessionRecord | None:
-        """Return a session by the phone's names for it."""
-        ...
-
-    async def unfinished_sessions(self, device_id: str | None = None) -> list[SessionRecord]:
-        """Return sessions whose final track has not been stored yet (of one device, or all)."""
+    async def unfinished_sessions(self) -> list[SessionRecord]:
+        """Return sessions whose final track has not been stored yet."""
         ...
 
     async def append(self, batch: LoggedBatch) -> LoggedBatch:

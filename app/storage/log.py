@@ -65,15 +65,9 @@ class SqlObservationLog:
         """Store a new session, or return the stored one of the same device and session name."""
         return await self._write(partial(_open_session, record))
 
-    async def find_session(self, device_id: str, session: str) -> SessionRecord | None:
-        """Return a session by the phone's names for it."""
-        return await self._database.read(partial(_find_session, device_id, session))
-
-    async def unfinished_sessions(self, device_id: str | None = None) -> list[SessionRecord]:
+    async def unfinished_sessions(self) -> list[SessionRecord]:
         """Return sessions whose final track has not been stored yet, oldest first."""
         query = select(SESSIONS).where(~SESSIONS.c.finished).order_by(SESSIONS.c.opened_s)
-        if device_id is not None:
-            query = query.where(SESSIONS.c.device_id == device_id)
         return await self._database.read(lambda c: [_record(row) for row in c.execute(query)])
 
     async def append(self, batch: LoggedBatch) -> LoggedBatch:

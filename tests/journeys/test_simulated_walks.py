@@ -163,10 +163,12 @@ async def _fold_log(database_url: str, device_id: str, session: str) -> list[Tra
     try:
         site = await database.read(lambda c: load_site_model(c, "warehouse"))
         log = SqlObservationLog(database)
-        record = await log.find_session(device_id, session)
         assert site is not None
-        assert record is not None
-        logged = await log.read(record.session_id)
+        sessions = await log.unfinished_sessions()
+        (session_id,) = (
+            r.session_id for r in sessions if (r.device_id, r.session) == (device_id, session)
+        )
+        logged = await log.read(session_id)
     finally:
         await database.close()
     observations = sorted((o for b in logged for o in b.observations), key=engine.order_key)

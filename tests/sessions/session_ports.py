@@ -150,13 +150,8 @@ class MemoryLog:
     async def open_session(self, record: SessionRecord) -> SessionRecord:
         return self.sessions.setdefault((record.device_id, record.session), record)
 
-    async def find_session(self, device_id: str, session: str) -> SessionRecord | None:
-        return self.sessions.get((device_id, session))
-
-    async def unfinished_sessions(self, device_id: str | None = None) -> list[SessionRecord]:
-        return [
-            r for r in self.sessions.values() if not r.finished and device_id in (None, r.device_id)
-        ]
+    async def unfinished_sessions(self) -> list[SessionRecord]:
+        return [r for r in self.sessions.values() if not r.finished]
 
     async def append(self, batch: LoggedBatch) -> LoggedBatch:
         for _ in range(self.turns(batch)):
