@@ -49,6 +49,6 @@ class Settings(BaseSettings):
     imu_retention_s: float = Field(
         86400.0, gt=0, description="Seconds that raw inertial records stay in the observation log."
     )
-    scan_retention_days: float = Field(
-        90.0, gt=0, description="Days that scans and steps stay in the observation log."
+    retention_days: float = Field(
+        90.0, gt=0, description="Days that scans, steps and tracks are kept; a site may say others."
     )

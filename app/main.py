@@ -148,7 +148,7 @@ def _build(settings: Settings, database: Database, clock: Clock) -> tuple[ApiCon
         login_s=settings.login_s,
         cookie_secure=settings.cookie_secure,
     )
-    retention = Retention(settings.imu_retention_s, settings.scan_retention_days * _DAY_S)
+    retention = Retention(settings.imu_retention_s, settings.retention_days * _DAY_S)
     return context, Housekeeping(registry, directory, database, clock, retention)
 
 

@@ -34,7 +34,7 @@ class SiteFields(StrictModel):
 
     name: Name
     retention_days: Annotated[float, Field(gt=0, le=36_500)] | None = Field(
-        None, description="How long scans are kept in the observation log; null: the server's limit"
+        None, description="How long scans, steps and tracks are kept; null: the server's limit"
     )
     default_profile: Literal["best"] = "best"
 

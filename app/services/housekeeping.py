@@ -1,4 +1,4 @@
-"""What a server does beside answering: end silent sessions, see others' edits, forget old logs."""
+"""What a server does beside answering: end silent sessions, see edits, forget what is old."""
 
 import asyncio
 import logging
@@ -12,6 +12,7 @@ from app.sessions.registry import SessionRegistry
 from app.storage.database import Database, DatabaseUnavailableError
 from app.storage.log import purge_imu, purge_observations
 from app.storage.sites import get_site
+from app.storage.tracks import purge_tracks
 
 _LOG = logging.getLogger(__name__)
 _DAY_S = 86_400.0
@@ -19,10 +20,13 @@ _DAY_S = 86_400.0
 
 @dataclass(frozen=True, slots=True)
 class Retention:
-    """How long the observation log keeps what, and how often that is looked after."""
+    """How long what is kept, and how often that is looked after.
+
+    ``kept_s`` is of scans, steps and tracks at a site that says nothing itself.
+    """
 
     imu_s: float = _DAY_S
-    scans_s: float = 90.0 * _DAY_S
+    kept_s: float = 90.0 * _DAY_S
     interval_s: float = 3600.0
 
 
@@ -69,5 +73,6 @@ class Housekeeping:
             if site is None:
                 continue
             days = site.retention_days
-            kept_s = self._retention.scans_s if days is None else days * _DAY_S
+            kept_s = self._retention.kept_s if days is None else days * _DAY_S
             await purge_observations(self._database, site_id, now_s - kept_s)
+            await purge_tracks(self._database, site_id, now_s - kept_s)

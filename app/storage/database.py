@@ -97,6 +97,16 @@ class Database:
             msg = f"no commit within {timeout_s} s"
             raise DatabaseUnavailableError(msg) from error
 
+    async def write_in_strides(self, stride: Statement[int]) -> int:
+        """Run ``stride(connection)``, which changes a bounded number of rows, until none is left.
+
+        Returns how many were changed. Other writes come in between.
+        """
+        changed = 0
+        while step := await self.write(stride):
+            changed += step
+        return changed
+
     def write_now(self, statement: Statement[T]) -> T:
         """Do the same as `write` for callers without an event loop."""
         return self._enqueue(statement, keep=False).result()

@@ -111,7 +111,7 @@ async def purge_imu(database: Database, before_s: float) -> int:
 
     A session that is not finished keeps it: its final track is folded from the whole log.
     """
-    return await _purge(database, partial(_purge_imu_stride, before_s))
+    return await database.write_in_strides(partial(_purge_imu_stride, before_s))
 
 
 async def purge_observations(database: Database, site_id: str, before_s: float) -> int:
@@ -119,14 +119,7 @@ async def purge_observations(database: Database, site_id: str, before_s: float) 
 
     Their seq and digest stay, so that a late retry is still known. Returns how many were emptied.
     """
-    return await _purge(database, partial(_purge_observations_stride, site_id, before_s))
-
-
-async def _purge(database: Database, stride: Callable[[Connection], int]) -> int:
-    changed = 0
-    while step := await database.write(stride):
-        changed += step
-    return changed
+    return await database.write_in_strides(partial(_purge_observations_stride, site_id, before_s))
 
 
 def _purge_imu_stride(before_s: float, connection: Connection) -> int:

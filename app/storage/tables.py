@@ -81,7 +81,7 @@ SITES = Table(
     METADATA,
     Column("id", String, primary_key=True),
     Column("name", String, nullable=False),
-    # How long scans are kept in the observation log; NULL: for ever.
+    # How long scans, steps and tracks are kept; NULL: as long as the server's setting says.
     Column("retention_days", Double),
     Column("default_profile", String, nullable=False, server_default="best"),
     Column("georeference", JSON_OR_NULL),

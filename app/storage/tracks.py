@@ -5,13 +5,19 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TypeAlias
 
-from sqlalchemy import Connection, Row, Select, and_, delete, func, select, tuple_
+from sqlalchemy import Connection, Row, Select, and_, case, delete, func, select, tuple_
 
 from app.core.session import LastPoint
 from app.core.types import Method, MotionMode, TrackPoint, Used
 from app.storage.database import Database
 from app.storage.tables import FLOORS, SESSIONS, TRACK_POINTS
 from app.storage.upsert import Values, upsert
+
+# Points removed by retention in one transaction: short enough that no phone waits for it.
+PURGE_STRIDE = 5000
+
+# The last microsecond that 64 bits can tell.
+_NEVER_US = 2**63 - 1
 
 # Where the next page of a track starts: after this time_us of this session.
 TrackCursor: TypeAlias = tuple[int, str]
@@ -94,6 +100,32 @@ def fixes_at(
     )
     query = select(ranked).where(ranked.c.rank == 1).order_by(ranked.c.device_id)
     return [_stored_point(row) for row in connection.execute(query)]
+
+
+async def purge_tracks(database: Database, site_id: str, before_s: float) -> int:
+    """Remove the points of a site's finished sessions from before ``before_s``; return how many.
+
+    A recording's points are as old as its session on this server: what it tells may be years old.
+    """
+    return await database.write_in_strides(partial(_purge_stride, site_id, before_s))
+
+
+def _purge_stride(site_id: str, before_s: float, connection: Connection) -> int:
+    # One limit per session lets the database find its old points by their key.
+    before_us = case(
+        (~SESSIONS.c.clock_recorded, _time_us(before_s)),
+        (SESSIONS.c.opened_s < before_s, _NEVER_US),
+        else_=0,
+    )
+    key = (TRACK_POINTS.c.session_id, TRACK_POINTS.c.time_us)
+    old = (
+        select(*key)
+        .join_from(SESSIONS, TRACK_POINTS)
+        .where(SESSIONS.c.site_id == site_id, SESSIONS.c.finished)
+        .where(TRACK_POINTS.c.time_us < before_us)
+        .limit(PURGE_STRIDE)
+    )
+    return connection.execute(delete(TRACK_POINTS).where(tuple_(*key).in_(old))).rowcount
 
 
 def _last_points(connection: Connection) -> list[LastPoint]:

@@ -5,7 +5,7 @@ from dataclasses import astuple, replace
 import pytest
 from sample_sessions import session_record, track_point
 
-from app.core.session import LastPoint
+from app.core.session import LastPoint, SessionClock
 from app.core.types import TrackPoint
 from app.storage.database import Database
 from app.storage.log import SqlObservationLog
@@ -14,6 +14,7 @@ from app.storage.tracks import (
     StoredPoint,
     TrackCursor,
     fixes_at,
+    purge_tracks,
     read_track,
 )
 
@@ -145,3 +146,30 @@ async def test_last_points_are_the_ends_of_the_devices_newest_sessions_with_a_tr
         LastPoint("phone-1", "s-2", "site-1", track_point(11.0, x_m=7.0)),
         LastPoint("phone-2", "s-3", "site-1", track_point(9.0, floor_id="F2")),
     ]
+
+
+async def test_retention_takes_old_points_and_recordings_posted_long_ago(
+    sink: SqlTrackStore, database: Database, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr("app.storage.tracks.PURGE_STRIDE", 2)
+    log = SqlObservationLog(database)
+    live = SessionClock(recorded=False)
+    for name, opened_s, clock in (
+        ("live", 10.0, live),
+        ("unfinished", 10.0, live),
+        ("old recording", 10.0, SessionClock(recorded=True)),
+        ("new recording", 110.0, SessionClock(recorded=True)),
+    ):
+        record = replace(session_record(name, name, opened_s), clock=clock)
+        await log.open_session(record)
+        sink.write(name, [track_point(t) for t in (20.0, 98.0, 99.0, 100.0, 120.0)])
+        if name != "unfinished":
+            await log.finish_session(name)
+    await sink.flush()
+    assert await purge_tracks(database, "site-2", 100.0) == 0
+    assert await purge_tracks(database, "site-1", 100.0) == 3 + 5
+    left = {name: len(await track(database, name)) for name in ("live", "old recording")}
+    assert left == {"live": 2, "old recording": 0}
+    kept = {name: len(await track(database, name)) for name in ("unfinished", "new recording")}
+    assert kept == {"unfinished": 5, "new recording": 5}
+    assert [p.point.time_s for p in await track(database, "live")] == [100.0, 120.0]

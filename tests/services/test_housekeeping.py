@@ -1,0 +1,77 @@
+"""What is forgotten when: a site's own retention, and the server's where a site says nothing."""
+
+from dataclasses import replace
+from functools import partial
+
+import pytest
+from sqlalchemy import Connection
+
+from app.core.session import LoggedBatch, SessionClock, SessionRecord
+from app.core.types import BleScan, Method, MotionMode, TrackPoint, Used
+from app.services.housekeeping import Housekeeping, Retention
+from app.services.site import SiteDirectory
+from app.sessions.hub import Hub
+from app.sessions.ports import SessionPorts
+from app.sessions.registry import SessionRegistry
+from app.storage.database import Database
+from app.storage.log import SqlObservationLog
+from app.storage.sites import StoredSite, insert_site
+from app.storage.snapshots import SqlSnapshotStore
+from app.storage.tracks import SqlTrackStore, read_track
+
+DAY_S = 86_400.0
+NOW_S = 1_795_314_000.0
+AGES_DAYS = (5, 20, 100)
+POINT = TrackPoint(
+    *(0.0, "floor", 1.0, 2.0, (1.0, 0.0, 1.0), 2.5, 0.0, None),
+    *(MotionMode.STILL, Method.LATERATION, 1.0, Used(), 0.0),
+)
+
+
+class Clock:
+    """A clock that stands still."""
+
+    def now_s(self) -> float:
+        return NOW_S
+
+
+def _insert_sites(connection: Connection) -> None:
+    insert_site(connection, StoredSite("strict", "Strict", 0.0, retention_days=10.0))
+    insert_site(connection, StoredSite("silent", "Silent", 0.0))
+
+
+async def _walk(log: SqlObservationLog, tracks: SqlTrackStore, site_id: str) -> None:
+    opened_s = NOW_S - 101 * DAY_S
+    clock = SessionClock(recorded=False)
+    record = SessionRecord(site_id, site_id, "walk", site_id, "best", clock, opened_s)
+    await log.open_session(record)
+    for seq, days in enumerate(AGES_DAYS):
+        time_s = NOW_S - days * DAY_S
+        await log.append(LoggedBatch(site_id, seq, b"", time_s, (BleScan(time_s, ()),)))
+        tracks.write(site_id, [replace(POINT, time_s=time_s)])
+    await log.finish_session(site_id)
+
+
+@pytest.mark.anyio
+async def test_each_site_keeps_scans_and_tracks_for_its_own_time(database_url: str) -> None:
+    database = Database(database_url)
+    await database.write(_insert_sites)
+    log, tracks = SqlObservationLog(database), SqlTrackStore(database)
+    for site_id in ("strict", "silent"):
+        await _walk(log, tracks, site_id)
+    directory = SiteDirectory(database)
+    ports = SessionPorts(log, SqlSnapshotStore(database), tracks)
+    registry = SessionRegistry(ports, directory, Hub(), Clock())
+    retention = Retention(kept_s=50 * DAY_S)
+    await Housekeeping(registry, directory, database, Clock(), retention).round()
+    left = {}
+    for site_id in ("strict", "silent"):
+        points = await database.read(partial(read_track, device_id=site_id, **_ALL))
+        scans = [o.time_s for b in await log.read(site_id) for o in b.observations]
+        assert sorted(scans) == [p.point.time_s for p in points]
+        left[site_id] = [round((NOW_S - time_s) / DAY_S) for time_s in scans]
+    await database.close()
+    assert left == {"strict": [5], "silent": [5, 20]}
+
+
+_ALL = {"from_s": 0.0, "to_s": 1e10, "limit": 100}
