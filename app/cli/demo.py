@@ -18,7 +18,7 @@ from rich.console import Console
 from rich.status import Status
 from sqlalchemy import Connection
 
-from app.cli.demo_phones import DEVICE_PREFIX, Fleet
+from app.cli.demo_phones import DEVICE_PREFIX, Fleet, people_of
 from app.cli.errors import CommandError
 from app.cli.local import CLOCK, settings_with
 from app.config import Settings
@@ -27,7 +27,7 @@ from app.core.params import Params
 from app.core.simulate import Warehouse, walk, warehouse
 from app.main import create_app, uvicorn_options
 from app.services.access import Role
-from app.services.demo import install_warehouse
+from app.services.demo import enrol_people, install_warehouse
 from app.services.tokens import hash_token, new_token
 from app.storage.database import Database
 from app.storage.migrate import upgrade
@@ -75,7 +75,8 @@ def demo(
                 database_url=f"sqlite:///{where / 'pharos.db'}", port=listening.getsockname()[1]
             )
             world = warehouse(SEED)
-            tokens = asyncio.run(_fill(settings.database_url, world, role_of_phones(speed)))
+            role, people = role_of_phones(speed), people_of(phones)
+            tokens = asyncio.run(_fill(settings.database_url, world, role, people))
             status.update("Compiling the engine (the first time takes longer) ...")
             _warm_up(world)
             status.update("Starting the server ...")
@@ -144,8 +145,10 @@ def _listening_socket(port: int | None) -> Iterator[socket.socket]:
     raise CommandError(msg)
 
 
-async def _fill(database_url: str, world: Warehouse, role: Role) -> DemoTokens:
-    """Put the warehouse and two tokens into a fresh database."""
+async def _fill(
+    database_url: str, world: Warehouse, role: Role, people: dict[str, str]
+) -> DemoTokens:
+    """Put the warehouse, its people and two tokens into a fresh database."""
     upgrade(database_url)
     database = Database(database_url)
     tokens = DemoTokens(new_token(), new_token())
@@ -160,6 +163,7 @@ async def _fill(database_url: str, world: Warehouse, role: Role) -> DemoTokens:
 
     try:
         await install_warehouse(database, world, CLOCK.now_s())
+        await enrol_people(database, world.site.site_id, people, CLOCK.now_s())
         await database.write(store_tokens)
     finally:
         await database.close()

@@ -72,7 +72,7 @@ class _Phone:
         # Spread over the second, or all would post at once.
         self._begin_s = fleet.clock.now_s() + BATCH_S * number / max(fleet.phones, 1)
         self._device = {
-            "id": f"{DEVICE_PREFIX}{number + 1:03d}",
+            "id": device_id_of(number),
             "platform": "android",
             "model": "Simulated",
         }
@@ -113,6 +113,16 @@ class _Phone:
             "site": self._fleet.world.site.site_id,
             "clock": {"sent_ms": self._fleet.clock.now_s() * 1000.0, **recorded},
         }
+
+
+def device_id_of(number: int) -> str:
+    """Return the name of a phone for itself."""
+    return f"{DEVICE_PREFIX}{number + 1:03d}"
+
+
+def people_of(phones: int) -> dict[str, str]:
+    """Return who carries which phone: a name by the phone's id."""
+    return {device_id_of(number): f"Picker {number + 1:03d}" for number in range(phones)}
 
 
 def batches(piece: SimulatedWalk, start_s: float) -> Iterator[tuple[float, list[Observation]]]:

@@ -1,12 +1,18 @@
 """Puts the simulated warehouse into an empty database, as an admin would have done by hand."""
 
+from collections.abc import Mapping
+from dataclasses import replace
+
 from sqlalchemy import Connection
 
 from app.core.simulate import STOREYS, Warehouse
 from app.formats.floor_map import parse_floor_map
 from app.services.demo_plan import floor_map, plan_png
+from app.services.errors import found
 from app.storage.beacons import StoredBeacon, insert_beacon
 from app.storage.database import Database
+from app.storage.devices import get_device, update_device
+from app.storage.enrolment import Sighting, record_sighting
 from app.storage.floors import PlanImage, StoredFloor, insert_floor, set_map, set_plan
 from app.storage.radio_maps import RadioMapOrigin, save_radio_map
 from app.storage.sites import StoredSite, insert_site
@@ -24,6 +30,21 @@ async def install_warehouse(database: Database, world: Warehouse, now_s: float) 
             save_radio_map(
                 connection, world.site.site_id, world.site.radio_map, origin, activate=True
             )
+
+    await database.write(statement)
+
+
+async def enrol_people(
+    database: Database, site_id: str, person_by_device: Mapping[str, str], now_s: float
+) -> None:
+    """Say who carries which phone, so that maps and lists show people from the start."""
+
+    def statement(connection: Connection) -> None:
+        for device_id, person in person_by_device.items():
+            seen = Sighting(device_id, site_id, "android", "Simulated", now_s)
+            record_sighting(connection, seen)
+            enrolled = found(get_device(connection, device_id), "device", device_id)
+            update_device(connection, replace(enrolled, person=person))
 
     await database.write(statement)
 

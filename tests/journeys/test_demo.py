@@ -17,6 +17,7 @@ from app.cli.errors import CommandError
 
 COMMAND = (sys.executable, "-c", "from app.cli.main import main; main()", "demo")
 PHONES = 4
+PEOPLE = {f"picker-00{i}": f"Picker 00{i}" for i in range(1, 1 + PHONES)}
 FIRST_FIXES_LIMIT_S = 60.0
 # Twice what is asked for, on a machine that runs other tests beside it.
 STOP_LIMIT_S = 4.0
@@ -56,9 +57,11 @@ def test_the_link_opens_on_people_who_move_and_ctrl_c_ends_it() -> None:
             assert page.get("/").is_success
             page.post("/v1/login", json={"token": link[2]}).raise_for_status()
             fixes = _fixes_of_all(page)
+            devices = page.get("/v1/devices").raise_for_status().json()["items"]
             floors = page.get("/v1/floors").raise_for_status().json()["items"]
             plan = page.get(f"/v1/floors/{floors[0]['floor_id']}/plan").raise_for_status()
         assert {fix["floor_id"] for fix in fixes} <= {floor["floor_id"] for floor in floors}
+        assert {d["device_id"]: d["person"] for d in devices} == PEOPLE
         assert plan.headers["content-type"] == "image/png"
         assert (folder / "pharos.db").exists()
         begin_s = time.monotonic()
