@@ -34,6 +34,7 @@ FIX: dict[str, Any] = {
         "zones": {"type": "array", "items": _TEXT},
         "used": {
             "type": "object",
+            "description": "Transmitters of the newest scan, and steps since that scan.",
             "properties": {"beacons": _COUNT, "access_points": _COUNT, "steps": _COUNT},
         },
         "age_s": {**_NUMBER, "description": "Since the last observation that told the place."},
