@@ -5,43 +5,52 @@ import sys
 import typer
 from rich.console import Console
 
-from app.cli import demo, import_csv, import_ms2020, migrate, replay, serve, token
 from app.cli.errors import CommandError
-from app.main import OutdatedDatabaseError
-from app.services.errors import AppError
-from app.storage.database import DatabaseUnavailableError
+from app.cli.lazy import lazy_group
 
 cli = typer.Typer(
     name="pharos",
     help="Self-hosted, real-time indoor positioning server.",
+    cls=lazy_group(
+        {
+            "serve": ("app.cli.serve:serve", "Run the server."),
+            "demo": ("app.cli.demo:demo", "Show people moving in a simulated warehouse."),
+            "replay": ("app.cli.replay:replay", "Post recorded walks like phones, and score them."),
+            "import": ("app.cli.imports:importing", "Bring in sites, beacons and fingerprints."),
+            "token": ("app.cli.token:tokens", "Make, list and revoke access tokens."),
+            "migrate": ("app.cli.migrate:migrate", "Bring the database to this version's schema."),
+        }
+    ),
     no_args_is_help=True,
     pretty_exceptions_enable=False,
 )
-importing = typer.Typer(no_args_is_help=True, help="Bring in sites, beacons and fingerprints.")
-tables = typer.Typer(
-    no_args_is_help=True, help="Bring in a table; docs/formats.md has its columns."
-)
 
-cli.command("serve")(serve.serve)
-cli.command("demo")(demo.demo)
-cli.command("migrate")(migrate.migrate)
-cli.command("replay")(replay.replay)
-cli.add_typer(token.tokens, name="token")
-cli.add_typer(importing, name="import")
-importing.command("ms2020")(import_ms2020.import_ms2020)
-importing.add_typer(tables, name="csv")
-tables.command("beacons")(import_csv.import_beacons)
-tables.command("fingerprints")(import_csv.import_fingerprints)
+
+@cli.callback()
+def _options() -> None:
+    # Typer makes a group, and not one command, of an application that has this.
+    pass
 
 
 def main() -> None:
     """Run the command line; expected failures end it with one line on stderr."""
     try:
         cli()
+    except SystemExit:
+        raise
     except CommandError as error:
         _fail(str(error), error.exit_code)
-    except (AppError, DatabaseUnavailableError, OutdatedDatabaseError) as error:
+    except _expected_failures() as error:
         _fail(str(error), 1)
+
+
+def _expected_failures() -> tuple[type[Exception], ...]:
+    # Imported only when something has failed; help and a usual end come without them.
+    from app.main import OutdatedDatabaseError  # noqa: PLC0415
+    from app.services.errors import AppError  # noqa: PLC0415
+    from app.storage.database import DatabaseUnavailableError  # noqa: PLC0415
+
+    return AppError, DatabaseUnavailableError, OutdatedDatabaseError
 
 
 def _fail(message: str, exit_code: int) -> None:
