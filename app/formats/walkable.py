@@ -4,7 +4,6 @@ from collections.abc import Sequence
 
 import numpy as np
 import shapely
-from scipy.ndimage import distance_transform_edt
 from shapely.geometry.base import BaseGeometry
 
 from app.core.geometry import Walkable
@@ -36,6 +35,9 @@ def rasterise_walkable(
     WalkableError
         If no cell is walkable, or the raster would have more than `MAX_CELLS` cells.
     """
+    # Only who draws a floor waits for SciPy, not every server's start.
+    from scipy.ndimage import distance_transform_edt  # noqa: PLC0415
+
     area = shapely.union_all(list(walkable_polygons))
     if obstacle_polygons:
         area = shapely.difference(area, shapely.union_all(list(obstacle_polygons)))
