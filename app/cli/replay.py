@@ -16,8 +16,7 @@ from rich.progress import Progress, TaskID
 from app.cli.errors import CommandError
 from app.cli.phone_client import PhoneClient, SiteFloor
 from app.cli.replay_report import Replayed, fixes_table, report_json, scores_table
-from app.core.evaluate import Place, hold_last
-from app.core.types import BleScan, Observation, WifiScan
+from app.core.evaluate import Answer, Place, hold_last, recorded_seconds
 from app.formats.ingest_body import ingest_body
 from app.formats.ms2020 import Trace, fold_of, read_trace, trace_id_of, trace_paths, truth_at
 
@@ -146,22 +145,19 @@ async def _replay_walk(run: _Run, trace: Trace) -> Replayed:
         "site": run.site_id,
         "clock": {"mode": "recorded"},
     }
-    batches = _by_second(trace.observations)
-    first, last = min(batches), max(batches)
     begin_s = asyncio.get_running_loop().time()
     truth: list[tuple[float, Place]] = []
-    answers: list[Place | None] = []
+    answers: list[Answer | None] = []
     rejected = 0
-    for second in range(first, last + 1):
-        await _keep_pace(run.speed, begin_s, second + 1 - first)
+    # Seconds are numbered like sequence numbers, gaps and all.
+    for seq, second in enumerate(recorded_seconds(trace.observations)):
+        await _keep_pace(run.speed, begin_s, seq + 1)
         reply = {}
-        if second in batches:
-            # Seconds are numbered like sequence numbers, gaps and all.
-            body = ingest_body(header, second - first, batches[second])
-            reply = await run.phone.post_batch(body)
-        place = _truth_place(trace, floor, second + 1)
-        if place is not None and second + 1 >= _first_scan_s(trace):
-            truth.append((second + 1, place))
+        if second.observations:
+            reply = await run.phone.post_batch(ingest_body(header, seq, second.observations))
+        place = _truth_place(trace, floor, second.end_s)
+        if place is not None and second.is_scored:
+            truth.append((second.end_s, place))
             answers.append(_answer(reply))
         rejected += len(reply.get("rejected", ()))
     return Replayed(trace.trace_id, tuple(hold_last(truth, answers)), rejected)
@@ -175,22 +171,10 @@ def _floor_of(run: _Run, trace: Trace) -> SiteFloor:
     return run.floors[trace.floor_name]
 
 
-def _by_second(observations: Iterable[Observation]) -> dict[int, list[Observation]]:
-    batches: dict[int, list[Observation]] = {}
-    for observation in observations:
-        batches.setdefault(math.floor(observation.time_s), []).append(observation)
-    return batches
-
-
 async def _keep_pace(speed: float | None, begin_s: float, seconds: int) -> None:
     if speed is not None:
         due_s = begin_s + seconds / speed
         await asyncio.sleep(max(0.0, due_s - asyncio.get_running_loop().time()))
-
-
-def _first_scan_s(trace: Trace) -> float:
-    scans = (o.time_s for o in trace.observations if isinstance(o, WifiScan | BleScan))
-    return min(scans, default=math.inf)
 
 
 def _truth_place(trace: Trace, floor: SiteFloor, time_s: float) -> Place | None:
@@ -200,6 +184,6 @@ def _truth_place(trace: Trace, floor: SiteFloor, time_s: float) -> Place | None:
     return Place(floor.floor_id, xy_m[0] + floor.x0_m, xy_m[1] + floor.y0_m)
 
 
-def _answer(reply: Mapping[str, Any]) -> Place | None:
+def _answer(reply: Mapping[str, Any]) -> Answer | None:
     fix = reply.get("fix")
-    return None if fix is None else Place(fix["floor_id"], fix["x"], fix["y"])
+    return None if fix is None else Answer(fix["floor_id"], fix["x"], fix["y"], fix["radius95_m"])
