@@ -26,13 +26,15 @@ def choose_site(
 ) -> SiteModel:
     """Return the site asked for; else the usual one, the token's, or the only one there is.
 
+    A usual site that is gone, or out of the token's scope, is passed over.
+
     Raises
     ------
     AppError
         If it is not there, not in the token's scope, or still open.
     """
     site_id = asked
-    if site_id is None and usual is not None and principal.covers_site(usual):
+    if site_id is None and usual in sites.site_ids() and principal.covers_site(usual):
         site_id = usual
     if site_id is None:
         site_id = principal.site_id or _only_site(sites)

@@ -61,3 +61,14 @@ async def test_an_erased_device_comes_back_as_a_new_one(server: ApiServer) -> No
             device = (await admin.get("/v1/devices/phone-7")).json()
             assert (device["platform"], device["model"]) == ("ios", model)
             assert (await admin.delete("/v1/devices/phone-7")).status_code == 204
+
+
+async def test_a_device_whose_site_is_gone_goes_to_the_only_one_left(server: ApiServer) -> None:
+    heard = ble_record(6.0, 4.0, NOW_S * 1000.0)
+    async with server.client("admin") as admin:
+        there = await admin.post("/v1/ingest", json=batch(heard, site="annex"))
+        assert there.status_code == 200
+        assert (await admin.delete("/v1/sites/annex")).status_code == 204
+        here = await admin.post("/v1/ingest", json=batch(heard, session="walk-2"))
+    assert here.status_code == 200, here.text
+    assert here.json()["fix"]["site_id"] == "lab"
