@@ -13,6 +13,9 @@ CLOCK_TOLERANCE_S = 2.0
 MAX_AGE_S = 24 * 3600.0
 # Room for an offset that was estimated on a slow connection.
 MAX_AHEAD_S = 300.0
+# Shifted times are rounded to a microsecond: the last bits of a sum of clock readings would tell
+# which batch was the first, and with them the track.
+_TIME_DIGITS = 6
 
 
 def freeze_clock(report: ClockReport, received_s: float) -> SessionClock:
@@ -75,7 +78,8 @@ def _in_event_time(
 def _shifted(observation: Observation, shift_s: float) -> Observation:
     if shift_s == 0.0:
         return observation
-    time_s = observation.time_s + shift_s
+    time_s = round(observation.time_s + shift_s, _TIME_DIGITS)
     if isinstance(observation, Pedometer):
-        return replace(observation, time_s=time_s, end_s=observation.end_s + shift_s)
+        end_s = round(observation.end_s + shift_s, _TIME_DIGITS)
+        return replace(observation, time_s=time_s, end_s=end_s)
     return replace(observation, time_s=time_s)

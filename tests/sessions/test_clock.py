@@ -64,6 +64,16 @@ def test_wall_and_monotonic_times_are_shifted_to_event_time() -> None:
     )
 
 
+def test_event_time_is_the_same_to_the_bit_whichever_batch_froze_the_clock() -> None:
+    booted_ms, heard_ms = 1_763_769_476_544, 98_765
+    for sent_ms in range(100_000, 130_000, 1_037):
+        report = ClockReport(sent_s=(booted_ms + sent_ms) / 1000.0, mono_s=sent_ms / 1000.0)
+        batch = batch_of([], records=(IncomingRecord(0, Steps(heard_ms / 1000.0, 1), True),))
+        clock = freeze_clock(report, received_s=(booted_ms + sent_ms) / 1000.0)
+        (steps,), _ = observations_in_event_time(batch, clock)
+        assert steps.time_s == (booted_ms + heard_ms) / 1000.0
+
+
 def _block(time_s: float, seconds: int) -> ImuBlock:
     none = np.empty((0, 3), dtype=np.float32)
     acc_mps2 = np.zeros((seconds * 10 + 1, 3), dtype=np.float32)
