@@ -14,6 +14,7 @@ from fastapi import FastAPI
 from app.api.app import bind, mount_api
 from app.api.context import ApiContext, ApiLimits
 from app.config import Settings
+from app.core.engine import warm_up
 from app.services.first_start import make_first_token
 from app.services.housekeeping import Housekeeping, Retention
 from app.services.ingest import IngestService
@@ -57,6 +58,7 @@ def create_app(settings: Settings, clock: Clock | None = None) -> FastAPI:
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         await asyncio.to_thread(prepare_database, settings)
+        await asyncio.to_thread(warm_up)
         database = Database(settings.database_url)
         try:
             context, housekeeping = _build(settings, database, own_clock)

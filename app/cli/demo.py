@@ -22,9 +22,7 @@ from app.cli.demo_phones import DEVICE_PREFIX, Fleet, people_of
 from app.cli.errors import CommandError
 from app.cli.local import CLOCK, settings_with
 from app.config import Settings
-from app.core import engine
-from app.core.params import Params
-from app.core.simulate import Warehouse, walk, warehouse
+from app.core.simulate import Warehouse, warehouse
 from app.main import create_app, uvicorn_options
 from app.services.access import Role
 from app.services.demo import enrol_people, install_warehouse
@@ -36,7 +34,6 @@ from app.storage.tokens import StoredToken, create_token
 SEED = 1
 USUAL_PORT = 8000
 START_LIMIT_S = 60.0
-WARM_UP_S = 20.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,9 +74,7 @@ def demo(
             world = warehouse(SEED)
             role, people = role_of_phones(speed), people_of(phones)
             tokens = asyncio.run(_fill(settings.database_url, world, role, people))
-            status.update("Compiling the engine (the first time takes longer) ...")
-            _warm_up(world)
-            status.update("Starting the server ...")
+            status.update("Starting the server (the first time compiles the engine) ...")
             with _serving(settings, listening) as url:
                 fleet = Fleet(url, tokens.phones, world, CLOCK, phones, speed)
                 console.print(f"Database  {where}", soft_wrap=True, highlight=False)
@@ -174,13 +169,6 @@ def _stored(secret: str, name: str, role: Role) -> StoredToken:
     token_hash = hash_token(secret)
     token_id = f"tok-{token_hash.hex()[:12]}"
     return StoredToken(token_id, name, token_hash, role, CLOCK.now_s())
-
-
-def _warm_up(world: Warehouse) -> None:
-    """Fold a short walk, so that all kernels are compiled before the first phone posts."""
-    state = engine.start()
-    for observation in walk(world, seed=0, start_s=0.0, duration_s=WARM_UP_S).observations:
-        state, _ = engine.advance(state, observation, world.site, Params())
 
 
 @contextmanager

@@ -3,5 +3,15 @@
 from app.core.engine.order import OrderKey, event_time_s, order_key
 from app.core.engine.pipeline import advance, finish, start
 from app.core.engine.state import SessionState
+from app.core.engine.warmup import warm_up
 
-__all__ = ["OrderKey", "SessionState", "advance", "event_time_s", "finish", "order_key", "start"]
+__all__ = [
+    "OrderKey",
+    "SessionState",
+    "advance",
+    "event_time_s",
+    "finish",
+    "order_key",
+    "start",
+    "warm_up",
+]

@@ -1,0 +1,55 @@
+"""A fold for the kernels' sake: compiled or loaded before the first phone would wait for them."""
+
+import math
+
+import numpy as np
+
+from app.core.engine.order import order_key
+from app.core.engine.pipeline import advance, finish, start
+from app.core.fingerprint.radio_map import Fingerprint, build_radio_map
+from app.core.params import Params
+from app.core.site import Floor, SiteModel
+from app.core.types import Anchor, BleScan, ImuBlock, Observation, Reading, Steps, WifiScan
+
+_CORNERS = ((0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (0.0, 10.0))
+_STEP_HZ, _RATE_HZ = 2.0, 50.0
+
+
+def warm_up() -> None:
+    """Fold two seconds of everything that runs a kernel.
+
+    A kernel is compiled at its first call, which takes seconds on a new machine, and read from the
+    cache of an earlier run after that, which still takes longer than a phone's batch should.
+    """
+    site, params, state = _small_site(), Params(), start()
+    for observation in sorted(_short_walk(), key=order_key):
+        state, _ = advance(state, observation, site, params)
+    finish(state, site, params)
+
+
+def _small_site() -> SiteModel:
+    """Return a hall with an anchor in each corner and three fingerprints."""
+    floor = Floor("f", "Hall", "", 0, 0.0, 0.0, 10.0, 10.0)
+    anchors = tuple(Anchor(f"a{i}", (f"b{i}",), "f", x, y) for i, (x, y) in enumerate(_CORNERS))
+    wifi_dbm = {f"w{i}": -60.0 - i for i in range(5)}
+    rows = [Fingerprint(0, x, 5.0, wifi_dbm, {"b0": -70.0}) for x in (2.0, 5.0, 8.0)]
+    return SiteModel("warm-up", 1, (floor,), anchors, build_radio_map(("f",), rows))
+
+
+def _short_walk() -> list[Observation]:
+    beacons = tuple(Reading((f"b{i}",), -70.0 - i) for i in range(4))
+    access_points = tuple(Reading((f"w{i}",), -60.0 - i) for i in range(5))
+    count = int(2.0 * _RATE_HZ)
+    swing = np.sin(2.0 * math.pi * _STEP_HZ / _RATE_HZ * np.arange(count))
+    acc = np.column_stack([np.zeros((count, 2)), 9.81 + 3.0 * swing]).astype(np.float32)
+    still, unknown = np.zeros((count, 3), np.float32), np.empty((0, 3), np.float32)
+    walk = [
+        observation
+        for time_s in (0.0, 1.0, 2.0)
+        for observation in (
+            BleScan(time_s, beacons),
+            WifiScan(time_s + 0.2, access_points),
+            Steps(time_s + 0.4, 1),
+        )
+    ]
+    return [ImuBlock(0.0, _RATE_HZ, acc, still, unknown, np.empty((0, 4), np.float32)), *walk]

@@ -1,0 +1,39 @@
+"""The warm-up: after it, a phone's first batch compiles nothing and loads nothing."""
+
+import subprocess
+import sys
+
+# In a process of its own: whatever other tests have called is warm already in this one.
+SCRIPT = """
+import sys
+from numba.core.dispatcher import Dispatcher
+from app.core import engine
+from app.core.params import Params
+from app.core.simulate import walk, warehouse
+
+def ready():
+    modules = [m for name, m in sys.modules.items() if name.startswith("app.core.")]
+    kernels = {k.__module__ + k.__qualname__: k
+        for m in modules if "simulate" not in m.__name__
+        for k in vars(m).values() if isinstance(k, Dispatcher)}
+    return {name: kernel.signatures for name, kernel in kernels.items()}
+
+world = warehouse(1)
+assert not any(ready().values())
+engine.warm_up()
+before = ready()
+for imu in (False, True):
+    state = engine.start()
+    for observation in walk(world, 5, start_s=0.0, duration_s=60.0, imu=imu).observations:
+        state, _ = engine.advance(state, observation, world.site, Params())
+    engine.finish(state, world.site, Params())
+late = {name: signatures for name, signatures in ready().items() if signatures != before[name]}
+assert not late, late
+assert sum(map(bool, before.values())) >= 10, before
+"""
+
+
+def test_a_walk_after_the_warm_up_needs_no_further_kernel() -> None:
+    command = (sys.executable, "-c", SCRIPT)
+    done = subprocess.run(command, check=False, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
