@@ -16,6 +16,10 @@ cli = typer.Typer(
             "serve": ("app.cli.serve:serve", "Run the server."),
             "demo": ("app.cli.demo:demo", "Show people moving in a simulated warehouse."),
             "replay": ("app.cli.replay:replay", "Post recorded walks like phones, and score them."),
+            "evaluate": (
+                "app.cli.evaluate:evaluating",
+                "Measure accuracy on public data sets.",
+            ),
             "import": ("app.cli.imports:importing", "Bring in sites, beacons and fingerprints."),
             "token": ("app.cli.token:tokens", "Make, list and revoke access tokens."),
             "migrate": ("app.cli.migrate:migrate", "Bring the database to this version's schema."),

@@ -1,0 +1,125 @@
+"""``pharos evaluate ms2020``: the engine on the held-out walks of a building."""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.progress import track
+
+from app.cli.errors import CommandError
+from app.cli.evaluate_output import JsonOption, give
+from app.formats.ms2020_site import BuildingFolder, BuildingFolderError, read_building
+from app.formats.ms2020_survey import SurveyWalk
+from app.services.evaluation import ms2020
+from app.services.evaluation.figures import Evaluation
+from app.services.site import PROFILES
+
+
+def evaluate_ms2020(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Building with its floors in it.")],
+    floors: Annotated[
+        str | None, typer.Option(metavar="F1,F2", help="Only these floors, in map and traces.")
+    ] = None,
+    map_share: Annotated[
+        float, typer.Option(min=0.01, max=1.0, help="Share of each floor's walks in the map.")
+    ] = 1.0,
+    profile: Annotated[
+        str, typer.Option(metavar="NAMES", help="Profiles, joined by commas, or all.")
+    ] = "best",
+    json_file: JsonOption = None,
+    plot: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Draw the error curve and every trace on its plan."),
+    ] = None,
+) -> None:
+    """Follow the walks of fold 0 with a map of the others, and compare with the truth."""
+    draw = None if plot is None else _drawing_into(plot)
+    profiles = _profiles(profile)
+    building = _building(folder, floors)
+    tasks = ms2020.tasks_of(building, profiles)
+    console = Console(stderr=True)
+    sites = ms2020.sites_of(building, _walks(building, console), map_share)
+    walking = ms2020.score_walks(tasks, sites)
+    scored = list(
+        track(
+            zip(tasks, walking, strict=True),
+            "Following walks",
+            total=len(tasks),
+            console=console,
+            transient=True,
+        )
+    )
+    share = "" if map_share == 1.0 else f"; map of {map_share:g} of each floor's walks"
+    give(
+        Evaluation(
+            dataset=f"ms2020 {building.name} " + ",".join(f.name for f in building.floors),
+            protocol=ms2020.PROTOCOL + share,
+            profiles={name: ms2020.figures_of(scored, name) for name in profiles},
+        ),
+        json_file,
+    )
+    if draw is not None:
+        draw(building, scored)
+
+
+def _drawing_into(
+    plot: Path,
+) -> Callable[[BuildingFolder, Sequence[tuple[ms2020.Task, ms2020.ScoredWalk]]], None]:
+    try:
+        from app.cli.evaluate_plots import plot_walks  # noqa: PLC0415 - it needs an extra
+    except ModuleNotFoundError as error:
+        msg = f"--plot needs {error.name}: install pharos[plots]"
+        raise CommandError(msg, 2) from error
+    return partial(plot_walks, plot)
+
+
+def _profiles(names: str) -> list[str]:
+    if names == "all":
+        return list(PROFILES)
+    chosen = list(dict.fromkeys(names.split(",")))
+    for name in chosen:
+        if name not in PROFILES:
+            msg = f"there is no profile {name!r}; there are: {', '.join(PROFILES)}"
+            raise CommandError(msg, 2)
+    return chosen
+
+
+def _building(folder: Path, floors: str | None) -> BuildingFolder:
+    try:
+        building = read_building(folder)
+    except (BuildingFolderError, OSError) as error:
+        raise CommandError(str(error)) from error
+    if floors is None:
+        return building
+    wanted = frozenset(floors.split(","))
+    there = [floor.name for floor in building.floors]
+    if unknown := sorted(wanted - set(there)):
+        msg = f"there is no floor {unknown[0]!r} in it; there are: {', '.join(there)}"
+        raise CommandError(msg, 2)
+    return replace(building, floors=tuple(f for f in building.floors if f.name in wanted))
+
+
+def _walks(building: BuildingFolder, console: Console) -> list[SurveyWalk]:
+    paths = ms2020.map_paths(building)
+    reading: Iterable[SurveyWalk | str] = track(
+        ms2020.read_walks(building),
+        "Reading walks",
+        total=len(paths),
+        console=console,
+        transient=True,
+    )
+    return list(_usable(paths, reading, console))
+
+
+def _usable(
+    paths: Sequence[Path], read: Iterable[SurveyWalk | str], console: Console
+) -> Iterable[SurveyWalk]:
+    for path, walk in zip(paths, read, strict=True):
+        if isinstance(walk, SurveyWalk):
+            yield walk
+        else:
+            console.print(f"{path.parent.name}/{path.name} is passed over: {walk}", style="yellow")

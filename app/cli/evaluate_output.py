@@ -1,0 +1,55 @@
+"""What every evaluation gives: a table, and one JSON object if asked for."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated, Any
+
+import msgspec
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from app.cli.errors import CommandError
+from app.services.evaluation.figures import Evaluation
+
+JsonOption = Annotated[
+    Path | None, typer.Option("--json", metavar="FILE", help="Write the figures; - for stdout.")
+]
+
+
+def give(evaluation: Evaluation, json_file: Path | None) -> None:
+    """Print the figures as a table, and write them as JSON; to ``-`` the JSON alone."""
+    text = msgspec.json.format(msgspec.json.encode(asdict(evaluation))) + b"\n"
+    if json_file == Path("-"):
+        typer.echo(text.decode(), nl=False)
+        return
+    Console().print(figures_table(evaluation))
+    if json_file is not None:
+        try:
+            json_file.write_bytes(text)
+        except OSError as error:
+            msg = f"the figures cannot be written: {error}"
+            raise CommandError(msg) from error
+
+
+def figures_table(evaluation: Evaluation) -> Table:
+    """Return a table with a row per figure and a column per profile or method."""
+    columns = [dict(_flat(figures)) for figures in evaluation.profiles.values()]
+    table = Table(title=evaluation.dataset, caption=evaluation.protocol)
+    table.add_column("", no_wrap=True)
+    for name in evaluation.profiles:
+        table.add_column(name, justify="right")
+    for row in dict.fromkeys(name for column in columns for name in column):
+        table.add_row(row, *(column.get(row, "") for column in columns))
+    return table
+
+
+def _flat(figures: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
+    for name, value in figures.items():
+        if isinstance(value, Mapping):
+            yield from _flat(value, f"{prefix}{name}.")
+        elif isinstance(value, tuple | list):
+            yield f"{prefix}{name}", " ".join(f"{each:.2f}" for each in value)
+        else:
+            yield f"{prefix}{name}", f"{value}" if isinstance(value, int) else f"{value:.4g}"
