@@ -272,6 +272,35 @@ class FusionParams:
 
 
 @dataclass(frozen=True, slots=True)
+class SmootherParams:
+    """Smoothing of a finished track; fitted on ms2020 (folds 1 to 3).
+
+    Attributes
+    ----------
+    passes
+        Each weighs candidates by the path of the one before; more gain nothing.
+    start_m
+        Spread of the first place about the guess: nothing is known of it.
+    gate_m2
+        Added to the path's covariance when it weighs candidates.
+    off_floor_m, pull_m
+        A path this far off the walkable floor (a raster cell) is drawn to it with this deviation:
+        people lean into shops, and plans are not exact.
+    slope_step_m, least_slope_ratio
+        The way to the floor is the slope of the distance raster over this step; where it is flatter
+        than this (a ridge between two corridors) neither side is right.
+    """
+
+    passes: int = 8
+    start_m: float = 50.0
+    gate_m2: float = 20.0
+    off_floor_m: float = 0.5
+    pull_m: float = 2.0
+    slope_step_m: float = 1.0
+    least_slope_ratio: float = 0.6
+
+
+@dataclass(frozen=True, slots=True)
 class FloorParams:
     """Belief in floors.
 
@@ -332,5 +361,6 @@ class Params:
     fusion: FusionParams = field(default_factory=FusionParams)
     floor: FloorParams = field(default_factory=FloorParams)
     report: ReportParams = field(default_factory=ReportParams)
+    smoother: SmootherParams = field(default_factory=SmootherParams)
     lateration: LaterationParams = field(default_factory=_best_lateration)
     motion_mode: MotionModeParams = field(default_factory=MotionModeParams)

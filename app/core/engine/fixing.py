@@ -7,7 +7,8 @@ import numpy as np
 from app.core.engine.state import SessionState
 from app.core.fingerprint.matching import match
 from app.core.fingerprint.query import Query, first_of, fresh_wifi_dbm, mean_ble_dbm, within
-from app.core.fusion.mixture import Noise, begin, update
+from app.core.fusion.mixture import begin, update
+from app.core.fusion.sighting import Noise, Sighting
 from app.core.lateration.windowed import Estimate, estimate
 from app.core.motion.mode import decided, with_velocity
 from app.core.params import FusionParams, Params
@@ -77,7 +78,8 @@ def laterate(state: SessionState, scan: BleScan, site: SiteModel, params: Params
     if not len(state.window):
         unknown = NoFixReason.UNKNOWN_TRANSMITTERS if scan.readings else NoFixReason.NOTHING_HEARD
         return _without(state, unknown) if site.radio_map is None else state
-    belief = _believe(state, _anchor_votes(state, site), scan.time_s, params)
+    votes = _anchor_votes(state, site)
+    belief = _believe(state, votes, scan.time_s, params)
     floor = int(np.argmax(belief))
     on_floor = np.array([site.floor_index(a.floor_id) == floor for a in site.anchors])
     model = level_model(site.anchors, params.lateration.phone_height_m)
@@ -86,10 +88,10 @@ def laterate(state: SessionState, scan: BleScan, site: SiteModel, params: Params
     found, state = _by_motion(state, window, model, scan.time_s, params)
     if isinstance(found, NoFix):
         return _without(state, found.reason)
-    used = found.fix.used
-    seen = (np.array([[found.fix.x_m, found.fix.y_m]]), np.ones(1), _noise(found.fix, params))
-    state = _correct(state, seen, scan.time_s, Method.LATERATION, params)
-    return replace(state, used=used)
+    place = np.array([[found.fix.x_m, found.fix.y_m]])
+    noise = _noise(found.fix, params)
+    sighting = Sighting(scan.time_s, place, np.ones(1), noise, votes)
+    return replace(_correct(state, sighting, Method.LATERATION, params), used=found.fix.used)
 
 
 def _too_few(scan: WifiScan, wanted: int) -> NoFixReason:
@@ -140,26 +142,23 @@ def _match(
     belief = _believe(state, votes, time_s, params)
     variance = _match_variance_m2(matches.nearest_sorensen, params.fusion)
     places = np.column_stack([matches.x_m, matches.y_m])
-    seen = (places, matches.weight, (variance, 0.0, variance))
-    state = _correct(state, seen, time_s, Method.FINGERPRINT, params)
+    sighting = Sighting(time_s, places, matches.weight, (variance, 0.0, variance), votes)
+    state = _correct(state, sighting, Method.FINGERPRINT, params)
     heard = Used(beacons=len(query.ble_dbm), access_points=len(query.wifi_dbm))
     return replace(state, floor_belief=belief, used=heard)
 
 
 def _correct(
-    state: SessionState,
-    seen: tuple[FloatArray, FloatArray, Noise],
-    time_s: float,
-    method: Method,
-    params: Params,
+    state: SessionState, sighting: Sighting, method: Method, params: Params
 ) -> SessionState:
-    places, weight, noise = seen
+    candidates = (sighting.places, sighting.weight, sighting.noise_m2, params.fusion)
     if state.track is None:
-        track = begin(places, weight, noise, params.fusion)
+        track = begin(*candidates)
     else:
-        track = update(state.track, places, weight, noise, params.fusion)
+        track = update(state.track, *candidates)
         method = Method.FUSED
-    return replace(state, track=track, told_s=time_s, method=method)
+    evidence = replace(state.evidence, sighting=sighting)
+    return replace(state, track=track, told_s=sighting.time_s, method=method, evidence=evidence)
 
 
 def _match_variance_m2(nearest_sorensen: float, params: FusionParams) -> float:
@@ -180,7 +179,7 @@ def _believe(state: SessionState, votes: FloatArray, time_s: float, params: Para
     floors = len(votes)
     prior = np.full(floors, 1.0 / floors)
     if state.floor_belief is not None and floors > 1:
-        elapsed_s = time_s - (time_s if state.told_s is None else state.told_s)
+        elapsed_s = time_s - (time_s if state.scanned_s is None else state.scanned_s)
         leak = 1.0 - np.exp(-params.floor.change_rate_ps * max(elapsed_s, 0.5))
         others = (1.0 - state.floor_belief) / (floors - 1)
         prior = (1.0 - leak) * state.floor_belief + leak * others

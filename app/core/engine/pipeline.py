@@ -9,7 +9,7 @@ from app.core.engine.fixing import laterate, match_beacons, match_fingerprints
 from app.core.engine.hearing import hear_beacons, slide_window
 from app.core.engine.order import event_time_s, order_key
 from app.core.engine.report import report
-from app.core.engine.state import SessionState
+from app.core.engine.state import Evidence, SessionState
 from app.core.engine.walking import (
     diffuse_unseen,
     find_strides,
@@ -60,6 +60,7 @@ def advance(
     that was observed at or before k, and on nothing later.
     """
     time_s = observation.time_s
+    state = replace(state, evidence=Evidence())
     state, outputs = _pass_time(state, time_s, site, params)
     state = take_strides(state, time_s, params)
     for stage in STAGES[type(observation)]:
@@ -71,6 +72,7 @@ def advance(
             latest_s=max(event_time_s(observation), time_s, state.latest_s or time_s),
             now_s=time_s,
             began_s=time_s if state.began_s is None else state.began_s,
+            scanned_s=time_s if isinstance(observation, BleScan | WifiScan) else state.scanned_s,
             motion=decided(state.motion, time_s, params.motion_mode),
         ),
         outputs,

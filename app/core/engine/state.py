@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from app.core.engine.order import OrderKey
 from app.core.fingerprint.query import Advertisement
 from app.core.fusion.mixture import Mixture
+from app.core.fusion.sighting import Sighting
 from app.core.motion.mode import MotionState
 from app.core.motion.steps import StepDetector
 from app.core.radio.windows import Window
@@ -26,6 +27,18 @@ class Stride:
 
 
 @dataclass(frozen=True, slots=True)
+class Evidence:
+    """What the latest observation brought to the filter, in this order.
+
+    ``strides`` whose time had come, ``drift_m2`` of motion that nothing showed, a ``sighting``.
+    """
+
+    strides: tuple[Stride, ...] = ()
+    drift_m2: float = 0.0
+    sighting: Sighting | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class SessionState:
     """Everything a session remembers; immutable, so any older state is a checkpoint.
 
@@ -43,8 +56,8 @@ class SessionState:
         Strides found in an inertial block that lie after ``now_s``.
     phone_steps_s
         When the phone last told steps itself: its own detector is believed before ours.
-    began_s, wifi_s
-        When the session's first observation was made; when Wi-Fi was last scanned.
+    began_s, scanned_s, wifi_s
+        When the session's first observation was made; when anything, and Wi-Fi, was last scanned.
     heard, window
         Recent advertisements for fingerprints, recent levels of anchors for lateration.
     track
@@ -55,6 +68,8 @@ class SessionState:
         The last stride taken, turned by the filter's heading bias.
     told_s
         When the position was last told by a scan; -inf before.
+    evidence
+        What the latest observation brought; smoothing and explanations are made of it.
     method, used, reason
         Of the newest point: how it came about, on what it rests; why there is none.
     """
@@ -67,6 +82,7 @@ class SessionState:
     pending: tuple[Stride, ...] = ()
     phone_steps_s: float | None = None
     began_s: float | None = None
+    scanned_s: float | None = None
     wifi_s: float | None = None
     heard: tuple[Advertisement, ...] = ()
     window: Window = field(default_factory=Window)
@@ -74,6 +90,7 @@ class SessionState:
     floor_belief: FloatArray | None = None
     stride: Stride | None = None
     told_s: float | None = None
+    evidence: Evidence = field(default_factory=Evidence)
     method: Method = Method.DEAD_RECKONING
     used: Used = field(default_factory=Used)
     reason: NoFixReason = NoFixReason.NOT_STARTED

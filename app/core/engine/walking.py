@@ -99,9 +99,15 @@ def take_strides(state: SessionState, until_s: float, params: Params) -> Session
         due += 1
     if not due:
         return state
-    used = replace(state.used, steps=state.used.steps + due)
+    taken = state.pending[:due]
     return replace(
-        state, track=track, motion=motion, stride=last, pending=state.pending[due:], used=used
+        state,
+        track=track,
+        motion=motion,
+        stride=last,
+        pending=state.pending[due:],
+        evidence=replace(state.evidence, strides=state.evidence.strides + taken),
+        used=replace(state.used, steps=state.used.steps + due),
     )
 
 
@@ -114,13 +120,15 @@ def diffuse_unseen(
     without one, or in a gap of it, the phone may have gone anywhere at walking pace.
     """
     _ = site
-    if state.track is None or state.now_s is None:
+    if state.track is None or state.scanned_s is None:
         return state
-    elapsed_s = scan.time_s - state.now_s
+    elapsed_s = scan.time_s - state.scanned_s
     inertial = state.detector.end_s > scan.time_s - params.fusion.sensor_gap_s
     seen = inertial or state.phone_steps_s is not None
     rate = params.fusion.sway_m2ps if seen else params.fusion.unseen_m2ps
-    return replace(state, track=diffuse(state.track, rate * elapsed_s))
+    drift_m2 = rate * elapsed_s
+    evidence = replace(state.evidence, drift_m2=drift_m2)
+    return replace(state, track=diffuse(state.track, drift_m2), evidence=evidence)
 
 
 def stride_velocity_mps(state: SessionState) -> tuple[float, float]:

@@ -10,15 +10,13 @@ and per scan with candidates c_i of weight w_i: p(scan | x, y) = Σ w_i N(c_i; (
 
 import math
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
 from numba import njit
 
+from app.core.fusion.sighting import Noise
 from app.core.params import FusionParams
 from app.core.types import FloatArray, IntArray
-
-Noise: TypeAlias = tuple[float, float, float]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
