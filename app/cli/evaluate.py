@@ -3,12 +3,9 @@
 import typer
 
 from app.cli.evaluate_ms2020 import evaluate_ms2020
+from app.cli.evaluate_tables import evaluate_oxford_steps, evaluate_ujiindoorloc
 
 evaluating = typer.Typer(no_args_is_help=True, help="Measure accuracy on public data sets.")
 evaluating.command("ms2020")(evaluate_ms2020)
-
-
-@evaluating.callback()
-def _group() -> None:
-    # Typer makes a group, and not one command, of an application that has this.
-    pass
+evaluating.command("ujiindoorloc")(evaluate_ujiindoorloc)
+evaluating.command("oxford-steps")(evaluate_oxford_steps)

@@ -16,6 +16,9 @@ from app.cli.errors import CommandError
 from app.formats.ms2020_site import BuildingFolder, FloorFolder
 from app.services.evaluation.ms2020 import TEST, ScoredWalk, Task
 
+MARGIN_M = 20.0
+"""Plan shown around a trace."""
+
 
 def plot_walks(
     folder: Path, building: BuildingFolder, scored: Sequence[tuple[Task, ScoredWalk]]
@@ -66,6 +69,10 @@ def _trace_on_plan(walk: ScoredWalk, floor: FloorFolder) -> Figure:
     answers = np.array([(a.x_m, a.y_m) for a in told]).reshape(-1, 2)
     axes.plot(*truth.T, "-", color="tab:green", label="truth")
     axes.plot(*answers.T, ".-", color="tab:red", label="answers, once a second")
+    around = np.concatenate([truth, answers])
+    if len(around):
+        (x0, y0), (x1, y1) = around.min(axis=0) - MARGIN_M, around.max(axis=0) + MARGIN_M
+        axes.set(xlim=(x0, x1), ylim=(y0, y1))
     axes.set(title=f"{walk.trace_id} on {floor.name}", xlabel="x (m)", ylabel="y (m)")
     axes.legend()
     return figure

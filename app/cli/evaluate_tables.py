@@ -1,0 +1,42 @@
+"""``pharos evaluate ujiindoorloc``, ``oxford-steps``: data sets that are a few tables."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, TypeAlias, TypeVar
+
+import typer
+
+from app.cli.errors import CommandError
+from app.cli.evaluate_output import JsonOption, give
+from app.formats import oxford_steps as oxford_files
+from app.formats import ujiindoorloc as ujiindoorloc_files
+from app.services.evaluation import oxford_steps, ujiindoorloc
+
+Folder: TypeAlias = Annotated[
+    Path, typer.Argument(metavar="DIR", help="The data set.", exists=True, file_okay=False)
+]
+Read = TypeVar("Read")
+
+
+def evaluate_ujiindoorloc(folder: Folder, json_file: JsonOption = None) -> None:
+    """Match single Wi-Fi scans with the fingerprints of three buildings."""
+    training = _read(lambda: ujiindoorloc_files.read_scans(folder / ujiindoorloc_files.TRAINING))
+    asked = _read(lambda: ujiindoorloc_files.read_scans(folder / ujiindoorloc_files.VALIDATION))
+    give(ujiindoorloc.evaluate(training, asked), json_file)
+
+
+def evaluate_oxford_steps(folder: Folder, json_file: JsonOption = None) -> None:
+    """Count steps with the phone carried in six ways, and compare with the true counts."""
+    paths = oxford_files.recording_paths(folder)
+    if not paths:
+        msg = f"there is no step recording in {folder}"
+        raise CommandError(msg)
+    recordings = _read(lambda: [oxford_files.read_recording(path) for path in paths])
+    give(oxford_steps.evaluate(recordings), json_file)
+
+
+def _read(reading: Callable[[], Read]) -> Read:
+    try:
+        return reading()
+    except (OSError, ValueError) as error:
+        raise CommandError(str(error)) from error
