@@ -291,6 +291,8 @@ class SmootherParams:
     slope_step_m, least_slope_ratio
         The way to the floor is the slope of the distance raster over this step; where it is flatter
         than this (a ridge between two corridors) neither side is right.
+    covariance_scale
+        As `ReportParams.covariance_scale`, for smoothed points.
     """
 
     passes: int = 8
@@ -300,6 +302,7 @@ class SmootherParams:
     pull_m: float = 2.0
     slope_step_m: float = 1.0
     least_slope_ratio: float = 0.6
+    covariance_scale: float = 0.9
 
 
 @dataclass(frozen=True, slots=True)
@@ -315,11 +318,14 @@ class FloorParams:
         Share of a vote that any floor gets, for candidates that happen to look alike.
     trust
         Power of a vote; successive scans are not independent.
+    least_s
+        Scans closer together leak as if this far apart: the belief stays movable.
     """
 
     change_rate_ps: float = 0.005
     vote_floor: float = 0.05
     trust: float = 0.7
+    least_s: float = 0.5
 
 
 @dataclass(frozen=True, slots=True)

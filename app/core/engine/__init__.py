@@ -1,8 +1,9 @@
 """The fold: ``advance(state, observation, site, params) -> (state, outputs)``."""
 
 from app.core.engine.order import OrderKey, event_time_s, order_key
-from app.core.engine.pipeline import advance, finish, start
-from app.core.engine.state import SessionState
+from app.core.engine.pipeline import advance, finish
+from app.core.engine.smoothing import smoothed
+from app.core.engine.state import SessionState, start
 from app.core.engine.warmup import warm_up
 
 __all__ = [
@@ -12,6 +13,7 @@ __all__ = [
     "event_time_s",
     "finish",
     "order_key",
+    "smoothed",
     "start",
     "warm_up",
 ]

@@ -1,6 +1,8 @@
 """Stages of the absolute fix: fingerprints or lateration, the floor vote, the filter's update."""
 
+import math
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -176,22 +178,45 @@ def _believe(state: SessionState, votes: FloatArray, time_s: float, params: Para
     with time (and can never be too sure to follow); a vote multiplies it by
     (w_f + ``vote_floor``)^``trust``.
     """
-    floors = len(votes)
-    prior = np.full(floors, 1.0 / floors)
-    if state.floor_belief is not None and floors > 1:
+    prior = np.full(len(votes), 1.0 / len(votes))
+    if state.floor_belief is not None:
         elapsed_s = time_s - (time_s if state.scanned_s is None else state.scanned_s)
-        leak = 1.0 - np.exp(-params.floor.change_rate_ps * max(elapsed_s, 0.5))
-        others = (1.0 - state.floor_belief) / (floors - 1)
-        prior = (1.0 - leak) * state.floor_belief + leak * others
-    belief = prior * (votes / votes.sum() + params.floor.vote_floor) ** params.floor.trust
+        prior = leaked(state.floor_belief, elapsed_s, params)
+    belief = prior * trusted(votes, params)
     return np.asarray(belief / belief.sum())
+
+
+def leaked(belief: FloatArray, elapsed_s: float, params: Params) -> FloatArray:
+    """Return a belief in floors after a time in which the carrier may have changed floors."""
+    if len(belief) == 1:
+        return belief
+    leak = 1.0 - math.exp(-params.floor.change_rate_ps * max(elapsed_s, params.floor.least_s))
+    others = (belief.sum() - belief) / (len(belief) - 1)
+    return np.asarray((1.0 - leak) * belief + leak * others)
+
+
+def trusted(votes: FloatArray, params: Params) -> FloatArray:
+    """Return the likelihood of each floor that a vote amounts to."""
+    likelihood = (votes / votes.sum() + params.floor.vote_floor) ** params.floor.trust
+    return np.asarray(likelihood)
 
 
 def _anchor_votes(state: SessionState, site: SiteModel) -> FloatArray:
     """Return each floor's share of the received power: slabs take 15 to 25 dB."""
-    floor_of = np.array([site.floor_index(a.floor_id) for a in site.anchors])
     power = 10.0 ** (state.window.rssi_dbm / 10.0)
-    return _sums(floor_of[state.window.anchor_index], power, len(site.floors))
+    return _sums(_anchor_floors(site)[state.window.anchor_index], power, len(site.floors))
+
+
+@lru_cache(maxsize=32)
+def _anchor_floors(site: SiteModel) -> IntArray:
+    """Return the floor index of each anchor; computed once per site model."""
+    return np.array([site.floor_index(a.floor_id) for a in site.anchors], dtype=np.int64)
+
+
+@lru_cache(maxsize=32)
+def _anchor_levels(site: SiteModel, phone_height_m: float) -> LevelModel:
+    """Return the level models of the site's anchors; computed once per site model."""
+    return level_model(site.anchors, phone_height_m)
 
 
 def _sums(group: IntArray, value: FloatArray, groups: int) -> FloatArray:

@@ -46,11 +46,6 @@ STAGES: dict[type, tuple[Stage, ...]] = {
 }
 
 
-def start() -> SessionState:
-    """Return the state of a session that has seen nothing yet."""
-    return SessionState()
-
-
 def advance(
     state: SessionState, observation: Observation, site: SiteModel, params: Params
 ) -> tuple[SessionState, tuple[Output, ...]]:
@@ -81,12 +76,19 @@ def advance(
 
 def finish(state: SessionState, site: SiteModel, params: Params) -> tuple[Output, ...]:
     """Return what the track would end with if nothing more came; the last one is the latest."""
+    return end(state, site, params)[1]
+
+
+def end(
+    state: SessionState, site: SiteModel, params: Params
+) -> tuple[SessionState, tuple[Output, ...]]:
+    """Return the state after all that is still waiting, and the outputs of `finish`."""
     if state.latest_s is None:
-        return ()
+        return state, ()
     end_s = state.latest_s
-    state, outputs = _pass_time(state, end_s, site, params)
+    state, outputs = _pass_time(replace(state, evidence=Evidence()), end_s, site, params)
     state = take_strides(state, end_s, params)
-    return (*outputs, report(state, end_s, site, params))
+    return state, (*outputs, report(state, end_s, site, params))
 
 
 def _pass_time(

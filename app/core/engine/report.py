@@ -8,7 +8,7 @@ from app.core.engine.state import SessionState
 from app.core.engine.walking import stride_velocity_mps
 from app.core.fusion.mixture import moments
 from app.core.motion.mode import decided
-from app.core.params import Params
+from app.core.params import Params, ReportParams
 from app.core.site import SiteModel
 from app.core.types import (
     FloatArray,
@@ -31,7 +31,7 @@ def report(state: SessionState, time_s: float, site: SiteModel, params: Params) 
     mean, covariance = moments(state.track)
     mode = decided(state.motion, time_s, params.motion_mode).mode
     vx, vy = stride_velocity_mps(state) if mode is MotionMode.WALKING else (0.0, 0.0)
-    xx, xy, yy = _calibrated(covariance, params)
+    xx, xy, yy = calibrated(covariance, params.report)
     floor = int(np.argmax(state.floor_belief))
     return TrackPoint(
         time_s=time_s,
@@ -65,9 +65,9 @@ def radius95_m(xx: float, xy: float, yy: float) -> float:
     return math.sqrt(a2) * (1.96 + 0.488 * math.pow(b2 / a2, 1.25))
 
 
-def _calibrated(covariance: FloatArray, params: Params) -> tuple[float, float, float]:
+def calibrated(covariance: FloatArray, params: ReportParams) -> tuple[float, float, float]:
     """Return the position's covariance with what the filter cannot know, from real walks."""
-    scale, extra = params.report.covariance_scale, params.report.extra_variance_m2
+    scale, extra = params.covariance_scale, params.extra_variance_m2
     return (
         scale * float(covariance[0, 0]) + extra,
         scale * float(covariance[0, 1]),

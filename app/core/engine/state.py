@@ -94,3 +94,8 @@ class SessionState:
     method: Method = Method.DEAD_RECKONING
     used: Used = field(default_factory=Used)
     reason: NoFixReason = NoFixReason.NOT_STARTED
+
+
+def start() -> SessionState:
+    """Return the state of a session that has seen nothing yet."""
+    return SessionState()

@@ -5,7 +5,8 @@ import math
 import numpy as np
 
 from app.core.engine.order import order_key
-from app.core.engine.pipeline import advance, finish, start
+from app.core.engine.pipeline import advance, finish
+from app.core.engine.state import start
 from app.core.fingerprint.radio_map import Fingerprint, build_radio_map
 from app.core.params import Params
 from app.core.site import Floor, SiteModel

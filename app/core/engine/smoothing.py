@@ -1,0 +1,145 @@
+"""The final track of a session: every second told by everything before and after it.
+
+The fold runs once more over all observations and leaves its evidence (`SessionState.evidence`);
+floors are decided forward and backward, the path by `app.core.fusion.smoother`.
+"""
+
+import math
+from bisect import bisect_right
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from app.core.engine.fixing import leaked, trusted
+from app.core.engine.pipeline import advance, end
+from app.core.engine.report import calibrated, radius95_m
+from app.core.engine.state import SessionState, start
+from app.core.fusion.mixture import moments
+from app.core.fusion.smoother import Leg, Path, smooth
+from app.core.params import Params
+from app.core.site import SiteModel
+from app.core.types import FloatArray, Observation, Output, TrackPoint
+
+
+@dataclass(slots=True)
+class _History:
+    """What the fold left: legs of the path with the causal guess of each, and the floor beliefs.
+
+    ``sighted`` counts the sightings up to and with each leg.
+    """
+
+    legs: list[Leg] = field(default_factory=list)
+    guess: list[tuple[FloatArray, FloatArray] | None] = field(default_factory=list)
+    sighted: list[int] = field(default_factory=list)
+    beliefs: list[FloatArray] = field(default_factory=list)
+
+
+def smoothed(
+    observations: Iterable[Observation], site: SiteModel, params: Params
+) -> tuple[TrackPoint, ...]:
+    """Return the final track of a session.
+
+    Parameters
+    ----------
+    observations
+        All of them, in the order of `order_key`, each once.
+
+    Returns
+    -------
+    tuple of TrackPoint
+        At the seconds, and the end, at which the causal track has a point.
+    """
+    state, history = start(), _History()
+    outputs: list[Output] = []
+    for observation in observations:
+        state, new = advance(state, observation, site, params)
+        _remember(history, state, observation.time_s)
+        outputs.extend(new)
+    state, last = end(state, site, params)
+    _remember(history, state, math.inf)
+    points = [o for o in (*outputs, *last) if isinstance(o, TrackPoint)]
+    return _placed(points, history, site, params) if points else ()
+
+
+def _remember(history: _History, state: SessionState, time_s: float) -> None:
+    evidence = state.evidence
+    guess = None
+    if state.track is not None:
+        mean, covariance = moments(state.track)
+        guess = mean[:2], covariance[:2, :2]
+    legs = [
+        Leg(s.time_s, np.array([s.length_m]), np.array([s.heading_rad]), 0.0, None, None)
+        for s in evidence.strides
+    ]
+    if evidence.sighting is not None and state.floor_belief is not None:
+        none = np.empty(0)
+        legs.append(Leg(time_s, none, none, evidence.drift_m2, evidence.sighting, None))
+        history.beliefs.append(state.floor_belief)
+    for leg in legs:
+        history.legs.append(leg)
+        history.guess.append(guess)
+        history.sighted.append(len(history.beliefs))
+
+
+def _placed(
+    points: list[TrackPoint], history: _History, site: SiteModel, params: Params
+) -> tuple[TrackPoint, ...]:
+    floors = _smoothed_floors(history, params)
+    # Strides before the first sighting are on its floor.
+    floor_of = [floors[max(count - 1, 0)] for count in history.sighted]
+    legs = [
+        replace(leg, walkable=site.floors[int(np.argmax(belief))].walkable)
+        for leg, belief in zip(history.legs, floor_of, strict=True)
+    ]
+    path = smooth(legs, _first_guess(history), params.fusion, params.smoother)
+    times = [leg.time_s for leg in legs]
+    placed = []
+    for point in points:
+        at = max(bisect_right(times, point.time_s) - 1, 0)
+        placed.append(_moved(point, path, at, floor_of[at], (site, params)))
+    return tuple(placed)
+
+
+def _first_guess(history: _History) -> Path:
+    """Return the causal path; before its first fix, that fix."""
+    first = next(guess for guess in history.guess if guess is not None)
+    guesses = [first if guess is None else guess for guess in history.guess]
+    return Path(np.array([place for place, _ in guesses]), np.array([c for _, c in guesses]))
+
+
+def _smoothed_floors(history: _History, params: Params) -> list[FloatArray]:
+    """Return the probability of each floor at each sighting, by the forward-backward algorithm."""
+    sightings = [leg.sighting for leg in history.legs if leg.sighting is not None]
+    out = list(history.beliefs)
+    backward = np.ones_like(out[-1])
+    for i in range(len(out) - 2, -1, -1):
+        later = sightings[i + 1]
+        elapsed_s = later.time_s - sightings[i].time_s
+        backward = leaked(backward * trusted(later.floor_votes, params), elapsed_s, params)
+        backward /= backward.sum()
+        out[i] = history.beliefs[i] * backward
+        out[i] /= out[i].sum()
+    return out
+
+
+def _moved(
+    point: TrackPoint,
+    path: Path,
+    at: int,
+    floor_belief: FloatArray,
+    world: tuple[SiteModel, Params],
+) -> TrackPoint:
+    site, params = world
+    report = replace(params.report, covariance_scale=params.smoother.covariance_scale)
+    xx, xy, yy = calibrated(path.covariance[at], report)
+    floor = int(np.argmax(floor_belief))
+    return replace(
+        point,
+        x_m=float(path.place[at, 0]),
+        y_m=float(path.place[at, 1]),
+        covariance_m2=(xx, xy, yy),
+        radius95_m=radius95_m(xx, xy, yy),
+        floor_id=site.floors[floor].floor_id,
+        floor_confidence=float(floor_belief[floor]),
+    )

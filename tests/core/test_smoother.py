@@ -1,0 +1,111 @@
+"""Smoothing of whole tracks: filterpy agrees where it can speak, and walks get better by it."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from filterpy.kalman import KalmanFilter
+
+from app.core.engine import advance, finish, smoothed, start
+from app.core.fusion.sighting import Sighting
+from app.core.fusion.smoother import Leg, Path, smooth
+from app.core.geometry import Walkable
+from app.core.params import Params
+from app.core.simulate import walk, warehouse
+from app.core.types import TrackPoint
+
+PARAMS = Params()
+PLAIN = dataclasses.replace(PARAMS.fusion, student_dof=1e12)
+ONCE = dataclasses.replace(PARAMS.smoother, passes=1)
+T0 = 1_700_000_000.0
+NONE = np.empty(0)
+
+
+def sighted(time_s, place, noise=(9.0, 2.0, 12.0), drift_m2=1.5):
+    one = Sighting(time_s, np.array([place]), np.ones(1), noise, np.ones(1))
+    return Leg(time_s, NONE, NONE, drift_m2, one, None)
+
+
+def guess(legs, place=(0.0, 0.0)):
+    return Path(np.tile(np.asarray(place), (len(legs), 1)), np.tile(np.eye(2), (len(legs), 1, 1)))
+
+
+def test_a_random_walk_is_smoothed_as_filterpy_does():
+    places = np.random.default_rng(1).normal(0.0, 5.0, (20, 2)).cumsum(axis=0)
+    legs = [sighted(float(i), place) for i, place in enumerate(places)]
+    path = smooth(legs, guess(legs), PLAIN, ONCE)
+    oracle = KalmanFilter(dim_x=2, dim_z=2)
+    oracle.x, oracle.P = np.zeros(2), np.eye(2) * ONCE.start_m**2
+    oracle.F, oracle.H, oracle.Q = np.eye(2), np.eye(2), np.eye(2) * 1.5
+    oracle.R = np.array([[9.0, 2.0], [2.0, 12.0]])
+    means, covariances, _, _ = oracle.batch_filter(list(places))
+    mean, covariance, _, _ = oracle.rts_smoother(means, covariances)
+    np.testing.assert_allclose(path.place, mean, atol=1e-8)
+    np.testing.assert_allclose(path.covariance, covariance, atol=1e-8)
+
+
+def test_strides_between_two_sightings_tell_heading_and_length():
+    stride = (np.full(10, 0.7), np.full(10, 0.3))
+    tight = (0.05, 0.0, 0.05)
+    legs = [
+        sighted(0.0, (0.0, 0.0), tight, 0.0),
+        Leg(5.0, *stride, 0.0, None, None),
+        sighted(10.0, (0.0, 16.0), tight, 0.0),
+    ]
+    legs[2] = dataclasses.replace(legs[2], length_m=stride[0], heading_rad=stride[1])
+    path = smooth(legs, guess(legs), PLAIN, ONCE)
+    assert path.place[0] == pytest.approx([0.0, 0.0], abs=1.0)
+    assert path.place[1] == pytest.approx([0.0, 8.0], abs=2.0)
+    assert path.place[2] == pytest.approx([0.0, 16.0], abs=1.0)
+
+
+def test_a_path_off_the_floor_is_drawn_to_it():
+    y = 0.5 * np.arange(-20, 21)
+    corridor = Walkable(-10.0, -10.0, 0.5, np.tile(np.maximum(np.abs(y) - 1.0, 0.0)[:, None], 41))
+    legs = [
+        dataclasses.replace(sighted(float(i), (i - 5.0, 4.0)), walkable=corridor) for i in range(10)
+    ]
+    free = smooth(legs, guess(legs), PLAIN, ONCE)
+    drawn = smooth(legs, guess(legs), PLAIN, PARAMS.smoother)
+    assert np.abs(free.place[:, 1]).min() > 3.0
+    assert np.abs(drawn.place[:, 1]).mean() < np.abs(free.place[:, 1]).mean() - 1.0
+    np.testing.assert_allclose(drawn.place[:, 0], free.place[:, 0], atol=0.3)
+
+
+@pytest.fixture(scope="module")
+def world():
+    return warehouse(5)
+
+
+def errors(points, walked):
+    return np.array(
+        [
+            np.hypot(p.x_m - walked.truth_at(p.time_s).x_m, p.y_m - walked.truth_at(p.time_s).y_m)
+            for p in points
+        ]
+    )
+
+
+def test_smoothed_walks_are_nearer_to_the_truth(world):
+    causal, final = [], []
+    for seed in range(3):
+        walked = walk(world, seed, start_s=T0, duration_s=90.0)
+        state, outputs = start(), []
+        for observation in walked.observations:
+            state, new = advance(state, observation, world.site, PARAMS)
+            outputs.extend(new)
+        outputs.extend(finish(state, world.site, PARAMS))
+        points = [o for o in outputs if isinstance(o, TrackPoint)]
+        track = smoothed(walked.observations, world.site, PARAMS)
+        assert [p.time_s for p in track] == [p.time_s for p in points]
+        assert smoothed(walked.observations, world.site, PARAMS) == track
+        causal.append(errors(points, walked))
+        final.append(errors(track, walked))
+    assert np.concatenate(final).mean() < 0.9 * np.concatenate(causal).mean()
+
+
+def test_a_session_without_any_fix_has_no_track(world):
+    walked = walk(world, 1, start_s=T0, duration_s=20.0)
+    deaf = [o for o in walked.observations if not hasattr(o, "readings")]
+    assert smoothed(deaf, world.site, PARAMS) == ()
+    assert smoothed([], world.site, PARAMS) == ()
