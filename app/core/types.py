@@ -103,10 +103,13 @@ class Steps:
 
 @dataclass(frozen=True, slots=True)
 class Pedometer:
-    """A pedometer interval (iOS): steps and distance between ``time_s`` and ``end_s``."""
+    """A pedometer interval (iOS): steps and distance between ``begin_s`` and ``time_s``.
 
+    It is folded at its end: no phone can tell it earlier.
+    """
+
+    begin_s: float
     time_s: float
-    end_s: float
     steps: int
     distance_m: float | None = None
     floors_up: int = 0

@@ -121,8 +121,8 @@ def _heading_deg(heading_rad: float) -> float:
 def _pedometer(interval: Pedometer) -> Record:
     return {
         "k": "pedometer",
-        "t0_ms": _ms(interval.time_s),
-        "t1_ms": _ms(interval.end_s),
+        "t0_ms": _ms(interval.begin_s),
+        "t1_ms": _ms(interval.time_s),
         "steps": interval.steps,
         "dist_m": interval.distance_m,
         "floors_up": interval.floors_up,

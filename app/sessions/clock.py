@@ -80,6 +80,6 @@ def _shifted(observation: Observation, shift_s: float) -> Observation:
         return observation
     time_s = round(observation.time_s + shift_s, _TIME_DIGITS)
     if isinstance(observation, Pedometer):
-        end_s = round(observation.end_s + shift_s, _TIME_DIGITS)
-        return replace(observation, time_s=time_s, end_s=end_s)
+        begin_s = round(observation.begin_s + shift_s, _TIME_DIGITS)
+        return replace(observation, begin_s=begin_s, time_s=time_s)
     return replace(observation, time_s=time_s)

@@ -115,7 +115,7 @@ def test_a_pedometer_interval_needs_both_ends_of_one_clock() -> None:
         {"k": "pedometer", "t0_ms": 0, "t1_ms": 9000, "mono0_ms": 5000, "steps": 9, "dist_m": 6.6}
     )
     assert incoming.monotonic is False
-    assert incoming.observation == Pedometer(0.0, 9.0, 9, 6.6)
+    assert incoming.observation == Pedometer(begin_s=0.0, time_s=9.0, steps=9, distance_m=6.6)
 
 
 def test_inertial_samples_become_float32_arrays() -> None:

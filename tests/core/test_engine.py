@@ -18,6 +18,7 @@ from app.core.types import (
     Method,
     NoFix,
     NoFixReason,
+    Pedometer,
     Reading,
     Steps,
     TrackPoint,
@@ -164,24 +165,47 @@ def test_a_phone_without_wifi_is_placed_by_beacons_after_a_while(small_site):
     assert abs(outputs[-1].x_m) < 3.0
 
 
-def test_the_phones_own_steps_are_believed_before_ours(small_site):
-    time_s = np.arange(50) / 50
+def swinging(second):
+    """Return a second of a walker who takes two steps in it; his phone points north."""
     acc = np.zeros((50, 3), dtype=np.float32)
+    acc[:, 2] = 9.81 + 3.0 * np.sin(4 * np.pi * (second + np.arange(50) / 50))
+    empty = np.empty((0, 3), dtype=np.float32)
+    quat = np.tile(np.array([1, 0, 0, 0], dtype=np.float32), (50, 1))
+    return ImuBlock(T0 + second, 50.0, acc, empty, empty, quat)
 
-    def block(second):
-        acc[:, 2] = 9.81 + 3.0 * np.sin(2 * np.pi * 2.0 * (second + time_s))
-        empty = np.empty((0, 3), dtype=np.float32)
-        quat = np.tile(np.array([1, 0, 0, 0], dtype=np.float32), (50, 1))
-        return ImuBlock(T0 + second, 50.0, acc.copy(), empty, empty, quat)
 
-    own = [scan_of(HEARD), *(block(s) for s in range(8))]
-    told = [o for s in range(8) for o in (block(s), Steps(T0 + s + 0.5, 1, 0.7, 0.0))]
+def test_the_phones_own_steps_are_believed_before_ours(small_site):
+    own = [scan_of(HEARD), *(swinging(s) for s in range(8))]
+    told = [o for s in range(8) for o in (swinging(s), Steps(T0 + s + 0.5, 1, 0.7, 0.0))]
     walked_own = fold(own, small_site)[1][-1]
     walked_told = fold([scan_of(HEARD), *told], small_site)[1][-1]
     assert walked_own.used.steps >= 8
     assert walked_told.used.steps == 7
     assert walked_own.y_m > 4.0  # the rotation vector points north
     assert walked_told.x_m - walked_told.y_m > 2.5  # the phone said east
+
+
+def test_an_interval_of_a_pedometer_is_walked_at_its_end(small_site):
+    head = [scan_of(HEARD), BleScan(T0 + 9.9, ())]
+    before, _ = fold(head, small_site)
+    after, _ = fold([Pedometer(T0, T0 + 10.0, 14, 9.8)], small_site, before)
+    (point,) = finish(after, small_site, PARAMS)
+    assert (point.time_s, point.used.steps, point.motion) == (T0 + 10.0, 14, "walking")
+    spread = [s.time_s - T0 for s in after.evidence.strides]
+    assert spread == pytest.approx([10.0 * (i + 1) / 14 for i in range(14)])
+    assert spread[-1] == 10.0
+    assert [s.length_m for s in after.evidence.strides] == pytest.approx([0.7] * 14)
+    assert not after.pending
+
+
+def test_a_pedometer_counts_no_stride_that_was_found_already(small_site):
+    blocks = [swinging(second) for second in range(10)]
+    interval = Pedometer(T0, T0 + 9.99, 20, 14.0)
+    told = fold([scan_of(HEARD), *blocks, interval], small_site)[0]
+    assert 18 <= told.used.steps <= 21
+    assert all(math.isfinite(s.heading_rad) for s in told.evidence.strides)
+    again = fold([swinging(10), Pedometer(T0 + 9.99, T0 + 12.0, 4)], small_site, told)[0]
+    assert again.used.steps == told.used.steps + 4
 
 
 def test_after_the_phones_last_word_reports_stop(small_site):

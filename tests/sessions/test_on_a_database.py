@@ -14,8 +14,8 @@ from app.core.params import Params
 from app.core.session import LoggedBatch
 from app.core.simulate import SimulatedWalk, Warehouse, walk, warehouse
 from app.core.site import SiteModel
-from app.core.types import Observation, TrackPoint
-from app.sessions.batch import IncomingBatch
+from app.core.types import ImuBlock, Observation, Pedometer, Steps, TrackPoint
+from app.sessions.batch import ClockReport, IncomingBatch
 from app.sessions.hub import Hub
 from app.sessions.limits import SessionLimits
 from app.sessions.ports import SessionPorts
@@ -168,6 +168,46 @@ async def _die_between_log_and_fold(process: Process, batch: IncomingBatch) -> N
     process.log.append = append_and_die  # type: ignore[method-assign]
     with pytest.raises(ConnectionResetError):
         await process.registry.submit(batch)
+
+
+def _held_north(time_s: float) -> ImuBlock:
+    """Return a second of a phone that points north and feels no steps."""
+    acc_mps2 = np.tile(np.array([0.0, 0.0, 9.81], dtype=np.float32), (10, 1))
+    quat_wxyz = np.tile(np.array([1.0, 0.0, 0.0, 0.0], dtype=np.float32), (10, 1))
+    none = np.empty((0, 3), dtype=np.float32)
+    return ImuBlock(time_s, 10.0, acc_mps2, none, none, quat_wxyz)
+
+
+async def test_a_pedometer_interval_posted_live_at_its_end_is_in_time(database: Database) -> None:
+    scans = [o for o in _walk(False).observations if not isinstance(o, Steps)]
+    scans = [o for o in scans if o.time_s < START_S + 10]
+    process = Process(database)
+    replies = []
+    for seq in range(12):
+        posted_s = START_S + 1 + seq
+        heard: list[Observation] = [o for o in scans if posted_s - 1 <= o.time_s < posted_s]
+        heard.append(_held_north(posted_s - 1))
+        if seq == 10:
+            heard.append(Pedometer(posted_s - 10, posted_s, 15, 10.5))
+        batch = batch_of(
+            heard,
+            seq,
+            site_id=_world().site.site_id,
+            received_s=posted_s,
+            clock=ClockReport(sent_s=posted_s),
+        )
+        replies.append(await process.registry.submit(batch))
+    stood, walked = replies[9].output, replies[10].output
+    assert isinstance(stood, TrackPoint)
+    assert isinstance(walked, TrackPoint)
+    assert (walked.time_s, walked.used.steps) == (START_S + 11, 15)
+    assert walked.y_m > stood.y_m + 5.0
+    # Nothing was too late for the window: nobody settles, and the track is that of the sorted log.
+    (pending,) = process.registry.pending_points("phone").values()
+    batches = await process.log.read(replies[0].session_id)
+    logged = [o for batch in batches for o in batch.observations]
+    points = {p.time_s: p for p in (*await _stored(database), *pending)}
+    assert [points[t] for t in sorted(points)] == _straight(logged)
 
 
 async def test_settling_completes_the_track_of_a_live_session(database: Database) -> None:

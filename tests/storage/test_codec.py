@@ -3,6 +3,7 @@ import enum
 from dataclasses import dataclass, field
 from typing import Literal, Optional
 
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import given
@@ -57,6 +58,13 @@ def test_observations_come_back_bit_for_bit(given_observations: list[Observation
     # repr shows every bit of a float and the sign of a zero; the order key digests raw samples.
     assert [type(o) for o in decoded] == [type(o) for o in given_observations]
     assert [repr(order_key(o)) for o in decoded] == [repr(order_key(o)) for o in given_observations]
+
+
+def test_a_pedometer_interval_keeps_its_place_in_the_log():
+    # The first two numbers have always been begin and end, whatever their fields are called.
+    (kind, values), *_ = msgspec.msgpack.decode(OBSERVATIONS.encode([Pedometer(5.0, 9.0, 7)])[1:])
+    assert (kind, values[:3]) == ("pedometer", [5.0, 9.0, 7])
+    assert OBSERVATIONS.decode(OBSERVATIONS.encode([Pedometer(5.0, 9.0, 7)]))[0].time_s == 9.0
 
 
 def test_whole_numbers_in_float_fields_stay_what_they_were():

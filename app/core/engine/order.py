@@ -1,6 +1,7 @@
 """The one order in which a session's observations are folded, however they arrived."""
 
 import hashlib
+from array import array
 from typing import TypeAlias
 
 from app.core.types import (
@@ -40,8 +41,6 @@ def event_time_s(observation: Observation) -> float:
     """Return the time of the last instant that the observation speaks of."""
     if isinstance(observation, ImuBlock):
         return observation.time_s + (len(observation.acc_mps2) - 1) / observation.rate_hz
-    if isinstance(observation, Pedometer):
-        return observation.end_s
     return observation.time_s
 
 
@@ -56,6 +55,11 @@ def _digest(observation: Observation) -> bytes:
             observation.quat_wxyz,
         ):
             digest.update(samples.tobytes())
+    elif isinstance(observation, WifiScan | BleScan):
+        readings = observation.readings
+        levels = array("d", [value for r in readings for value in (r.rssi_dbm, r.age_s)])
+        digest.update("\n".join("\t".join(r.keys) for r in readings).encode())
+        digest.update(levels.tobytes())
     else:
         digest.update(repr(observation).encode())
     return digest.digest()

@@ -56,29 +56,35 @@ def take_phone_steps(
     strides = tuple(
         Stride(steps.time_s, length_m, heading_rad, seconds) for _ in range(steps.count)
     )
-    # From the phone's first word on, what our detector still has waiting would count twice.
-    waiting = () if state.phone_steps_s is None else state.pending
-    state = replace(state, pending=(*waiting, *strides), phone_steps_s=steps.time_s)
-    return take_strides(state, steps.time_s, params)
+    return _believe_phone(state, strides, steps.time_s, params)
 
 
 def spread_pedometer(
     state: SessionState, interval: Pedometer, site: SiteModel, params: Params
 ) -> SessionState:
-    """Spread a pedometer interval's steps evenly over its time."""
+    """Walk a pedometer interval's steps, spread evenly over its time, with our detector's heading.
+
+    They are over by now. Those before the last stride taken were told or found already.
+    """
     if not interval.steps:
         return state
-    seconds = (interval.end_s - interval.time_s) / interval.steps
+    seconds = (interval.time_s - interval.begin_s) / interval.steps
     length_m = params.step.usual_length_m
     if interval.distance_m is not None:
         length_m = interval.distance_m / interval.steps
     heading_rad = _on_plan(state.detector.heading_rad, site)
-    strides = tuple(
-        Stride(interval.time_s + seconds * (i + 1), length_m, heading_rad, seconds)
-        for i in range(interval.steps)
-    )
-    pending = tuple(sorted((*state.pending, *strides), key=lambda s: s.time_s))
-    return replace(state, pending=pending, phone_steps_s=interval.time_s)
+    known_s = -math.inf if state.stride is None else state.stride.time_s
+    times_s = (interval.time_s - seconds * i for i in reversed(range(interval.steps)))
+    strides = tuple(Stride(t, length_m, heading_rad, seconds) for t in times_s if t > known_s)
+    return _believe_phone(state, strides, interval.time_s, params)
+
+
+def _believe_phone(
+    state: SessionState, strides: tuple[Stride, ...], time_s: float, params: Params
+) -> SessionState:
+    # From the phone's first word on, what our detector still has waiting would count twice.
+    state = replace(state, pending=strides, phone_steps_s=time_s)
+    return take_strides(state, time_s, params)
 
 
 def _on_plan(heading_rad: float, site: SiteModel) -> float:
