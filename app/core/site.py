@@ -37,7 +37,7 @@ class Floor:
     walls: tuple[Wall, ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class SiteModel:
     """Everything the engine knows of a place; replaced as a whole when an admin changes something.
 

@@ -45,8 +45,8 @@ def moments(mixture: Mixture) -> tuple[FloatArray, FloatArray]:
     """
     mean = mixture.weight @ mixture.mean
     apart = mixture.mean - mean
-    covariance = np.einsum("k,kij->ij", mixture.weight, mixture.covariance)
-    return mean, covariance + np.einsum("k,ki,kj->ij", mixture.weight, apart, apart)
+    within = (mixture.weight @ mixture.covariance.reshape(-1, 16)).reshape(4, 4)
+    return mean, within + (apart.T * mixture.weight) @ apart
 
 
 def begin(places: FloatArray, weight: FloatArray, noise_m2: Noise, params: FusionParams) -> Mixture:
