@@ -150,7 +150,9 @@ def _build(settings: Settings, database: Database, clock: Clock) -> tuple[ApiCon
         login_s=settings.login_s,
         cookie_secure=settings.cookie_secure,
     )
-    retention = Retention(settings.imu_retention_s, settings.retention_days * _DAY_S)
+    retention = Retention(
+        settings.imu_retention_s, settings.retention_days * _DAY_S, reopen_s=limits.reopen_s
+    )
     return context, Housekeeping(registry, directory, database, clock, retention)
 
 

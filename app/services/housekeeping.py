@@ -7,6 +7,7 @@ from functools import partial
 
 from app.core.session import LogUnavailableError
 from app.services.site import SiteDirectory
+from app.sessions.limits import SessionLimits
 from app.sessions.ports import Clock
 from app.sessions.registry import SessionRegistry
 from app.storage.database import Database, DatabaseUnavailableError
@@ -22,12 +23,14 @@ _DAY_S = 86_400.0
 class Retention:
     """How long what is kept, and how often that is looked after.
 
-    ``kept_s`` is of scans, steps and tracks at a site that says nothing itself.
+    ``kept_s`` is of scans, steps and tracks at a site that says nothing itself. For ``reopen_s``
+    after its opening a session may be opened again.
     """
 
     imu_s: float = _DAY_S
     kept_s: float = 90.0 * _DAY_S
     interval_s: float = 3600.0
+    reopen_s: float = SessionLimits().reopen_s
 
 
 class Housekeeping:
@@ -74,5 +77,6 @@ class Housekeeping:
                 continue
             days = site.retention_days
             kept_s = self._retention.kept_s if days is None else days * _DAY_S
-            await purge_observations(self._database, site_id, now_s - kept_s)
+            over_s = now_s - self._retention.reopen_s
+            await purge_observations(self._database, site_id, now_s - kept_s, over_s)
             await purge_tracks(self._database, site_id, now_s - kept_s)

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import TypeVar
 
-from sqlalchemy import Connection, Row, Select, bindparam, select, update
+from sqlalchemy import Connection, Row, Select, bindparam, delete, select, update
 
 from app.core.engine import event_time_s
 from app.core.session import (
@@ -114,12 +114,28 @@ async def purge_imu(database: Database, before_s: float) -> int:
     return await database.write_in_strides(partial(_purge_imu_stride, before_s))
 
 
-async def purge_observations(database: Database, site_id: str, before_s: float) -> int:
-    """Empty the batches of a site's finished sessions received before ``before_s``.
+async def purge_observations(
+    database: Database, site_id: str, before_s: float, over_s: float
+) -> int:
+    """Remove the batches of a site's finished sessions received before ``before_s``.
 
-    Their seq and digest stay, so that a late retry is still known. Returns how many were emptied.
+    Sessions opened at ``over_s`` or later may be opened again: of these the batches are emptied
+    only, so that a late retry is still known. Returns how many were removed or emptied.
     """
-    return await database.write_in_strides(partial(_purge_observations_stride, site_id, before_s))
+    old = (
+        select(OBSERVATION_BATCHES.c.id)
+        .join(SESSIONS, SESSIONS.c.id == OBSERVATION_BATCHES.c.session_id)
+        .where(SESSIONS.c.site_id == site_id, SESSIONS.c.finished)
+        .where(OBSERVATION_BATCHES.c.received_s < before_s)
+        .limit(PURGE_STRIDE)
+    )
+    removed = await database.write_in_strides(
+        partial(_remove_stride, old.where(SESSIONS.c.opened_s < over_s))
+    )
+    emptied = await database.write_in_strides(
+        partial(_empty_stride, old.where(OBSERVATION_BATCHES.c.last_s.is_not(None)))
+    )
+    return removed + emptied
 
 
 def _purge_imu_stride(before_s: float, connection: Connection) -> int:
@@ -141,21 +157,14 @@ def _purge_imu_stride(before_s: float, connection: Connection) -> int:
     return len(purged)
 
 
-def _purge_observations_stride(site_id: str, before_s: float, connection: Connection) -> int:
-    batches = OBSERVATION_BATCHES
-    stride = (
-        select(batches.c.id)
-        .join(SESSIONS, SESSIONS.c.id == batches.c.session_id)
-        .where(
-            SESSIONS.c.site_id == site_id,
-            SESSIONS.c.finished,
-            batches.c.received_s < before_s,
-            batches.c.last_s.is_not(None),
-        )
-        .limit(PURGE_STRIDE)
-    )
-    emptied = update(batches).where(batches.c.id.in_(stride)).values(_content([]))
-    return connection.execute(emptied).rowcount
+def _remove_stride(stride: Select[tuple[int]], connection: Connection) -> int:
+    removed = delete(OBSERVATION_BATCHES).where(OBSERVATION_BATCHES.c.id.in_(stride))
+    return connection.execute(removed).rowcount
+
+
+def _empty_stride(stride: Select[tuple[int]], connection: Connection) -> int:
+    emptied = update(OBSERVATION_BATCHES).where(OBSERVATION_BATCHES.c.id.in_(stride))
+    return connection.execute(emptied.values(_content([]))).rowcount
 
 
 def _open_session(record: SessionRecord, connection: Connection) -> SessionRecord:

@@ -67,7 +67,9 @@ async def test_each_site_keeps_scans_and_tracks_for_its_own_time(database_url: s
     left = {}
     for site_id in ("strict", "silent"):
         points = await database.read(partial(read_track, device_id=site_id, **_ALL))
-        scans = [o.time_s for b in await log.read(site_id) for o in b.observations]
+        batches = await log.read(site_id)
+        assert all(batch.observations for batch in batches)
+        scans = [o.time_s for b in batches for o in b.observations]
         assert sorted(scans) == [p.point.time_s for p in points]
         left[site_id] = [round((NOW_S - time_s) / DAY_S) for time_s in scans]
     await database.close()

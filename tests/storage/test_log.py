@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import textwrap
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -146,16 +147,41 @@ async def test_after_a_sites_retention_its_batches_are_empty_but_known(
     young = dataclasses.replace(logged_batch(2, wifi_scan(2.0)), received_s=90.0)
     await log.append(old)
     await log.append(young)
-    assert await purge_observations(database, "site-1", before_s=50.0) == 0
+    # The session was opened at 100 s, and can be opened again.
+    purge = partial(purge_observations, database, before_s=50.0, over_s=100.0)
+    assert await purge("site-1") == 0
     await log.finish_session("s-1")
-    assert await purge_observations(database, "site-2", before_s=50.0) == 0
-    assert await purge_observations(database, "site-1", before_s=50.0) == 1
+    assert await purge("site-2") == 0
+    assert await purge("site-1") == 1
+    assert await purge("site-1") == 0
     emptied = dataclasses.replace(old, observations=())
     assert await log.read("s-1") == [emptied, young]
     assert await log.append(old) == emptied
     of_old = select(OBSERVATION_BATCHES).where(OBSERVATION_BATCHES.c.seq == 1)
     row = await database.read(lambda c: c.execute(of_old).one())
     assert (row.first_s, row.last_s, row.has_imu) == (None, None, False)
+
+
+async def test_batches_of_a_session_that_is_over_for_good_are_removed(
+    log: SqlObservationLog, database: Database, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr("app.storage.log.PURGE_STRIDE", 2)
+    await log.open_session(session_record("s-2", "phone-2", opened_s=101.0))
+    for session_id in ("s-1", "s-2"):
+        for seq, received_s in enumerate((110.0, 120.0, 130.0, 900.0)):
+            batch = logged_batch(seq, wifi_scan(received_s), session_id=session_id)
+            await log.append(dataclasses.replace(batch, received_s=received_s))
+    purge = partial(purge_observations, database, "site-1", before_s=500.0)
+    assert await purge(over_s=101.0) == 0
+    await log.finish_session("s-1")
+    await log.finish_session("s-2")
+    # First emptied while it could be opened again, then removed with what was emptied before.
+    assert await purge(over_s=100.0) == 6
+    assert list(await contents(log, "s-1")) == [0, 1, 2, 3]
+    assert await purge(over_s=101.0) == 3
+    assert await contents(log, "s-1") == {3: ["WifiScan"]}
+    assert await contents(log, "s-2") == {0: [], 1: [], 2: [], 3: ["WifiScan"]}
+    assert await purge(over_s=101.0) == 0
 
 
 def test_an_imu_batch_takes_little_more_than_its_samples():
