@@ -1,6 +1,6 @@
 """What live sessions need of the world; storage and main provide it, tests too."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -46,6 +46,12 @@ class Fold(Protocol):
 
     def finish(self, state: SessionState, site: SiteModel, params: Params) -> tuple[Output, ...]:
         """Return what the track would end with if nothing more came."""
+        ...
+
+    def smoothed(
+        self, observations: Iterable[Observation], site: SiteModel, params: Params
+    ) -> tuple[TrackPoint, ...]:
+        """Return the final track of all observations of a session, in order."""
         ...
 
 

@@ -108,11 +108,14 @@ class DeviceSession:
         self._replace_from(BEGINNING_S, outputs)
 
     async def finish(self) -> None:
-        """Store the final track, its last point too, and mark it as final."""
-        await self.settle()
-        # Should the phone come back before this is done, the last point is in its way.
+        """Store the final track, smoothed over everything logged, and mark it as final."""
+        keyed = await self._sort_all(await self._ports.log.read(self.record.session_id))
+        observations = [k.observation for k in keyed]
+        # A whole day may take seconds: in a thread, other phones are served meanwhile.
+        points = await asyncio.to_thread(self._ports.fold.smoothed, observations, *self._world())
+        # Should the phone come back, its track is provisional again.
         self._doubtful = True
-        self._ports.tracks.write(self.record.session_id, self.pending_points())
+        self._ports.tracks.replace_from(self.record.session_id, BEGINNING_S, points)
         await self._ports.tracks.flush()
         await self._ports.log.finish_session(self.record.session_id)
 

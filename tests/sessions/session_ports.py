@@ -64,6 +64,11 @@ class ChainFold:
             return ()
         return (*_seconds(state, state.latest_s), _report(state, state.latest_s))
 
+    def smoothed(
+        self, observations: Sequence[Observation], site: SiteModel, params: Params
+    ) -> tuple[TrackPoint, ...]:
+        return tuple(straight_track(observations, self))
+
 
 def _seconds(state: ChainState, to_s: float) -> tuple[Output, ...]:
     if state.now_s is None or state.latest_s is None:
@@ -271,9 +276,26 @@ class Server:
         await self.registry.recover()
 
     async def run_idle(self) -> None:
-        """Let everything fall silent until its final track is stored."""
+        """Let everything fall silent until its final track is stored.
+
+        This fold's final track is its live one: each live session must have had it already.
+        """
+        live: dict[str, list[TrackPoint]] = {}
+        for device_id in {device_id for device_id, _ in self.log.sessions}:
+            live |= await self.live_tracks(device_id)
         self.clock.time_s += self.limits.idle_s
         await self.registry.sweep()
+        for session_id, track in live.items():
+            assert self.history.track(session_id) == track
+
+    async def live_tracks(self, device_id: str) -> dict[str, list[TrackPoint]]:
+        """Return what a reader sees of a device's live sessions, each completed."""
+        await self.registry.settle(device_id)
+        tracks = {}
+        for session_id, pending in self.registry.pending_points(device_id).items():
+            points = {p.time_s: p for p in (*self.history.track(session_id), *pending)}
+            tracks[session_id] = [points[time_s] for time_s in sorted(points)]
+        return tracks
 
     def track(self, session: str = "walk", device_id: str = "phone") -> list[TrackPoint]:
         """Return the stored track of a session by the phone's name for it."""

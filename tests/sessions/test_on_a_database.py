@@ -85,6 +85,13 @@ class Process:
         ports = SessionPorts(self.log, SqlSnapshotStore(database), SqlTrackStore(database))
         self.registry = SessionRegistry(ports, WarehouseSite(), Hub(), self.clock, LIMITS)
 
+    async def live_track(self, database: Database) -> list[TrackPoint]:
+        """Return what a reader of the phone's one live session sees."""
+        await self.registry.settle("phone")
+        (pending,) = self.registry.pending_points("phone").values()
+        points = {p.time_s: p for p in (*await _stored(database), *pending)}
+        return [points[t] for t in sorted(points)]
+
     async def finish(self) -> None:
         """Let all sessions end."""
         self.clock.time_s += LIMITS.idle_s
@@ -109,6 +116,11 @@ def _straight(observations: Sequence[Observation]) -> list[TrackPoint]:
     return [by_time[time_s] for time_s in sorted(by_time)]
 
 
+def _smoothed(observations: Sequence[Observation]) -> list[TrackPoint]:
+    in_order = sorted(observations, key=engine.order_key)
+    return list(engine.smoothed(in_order, _world().site, Params()))
+
+
 async def _stored(database: Database) -> list[TrackPoint]:
     stored = await database.read(lambda c: read_track(c, "phone", 0.0, 4e9, 10_000))
     return [s.point for s in stored]
@@ -120,10 +132,11 @@ async def test_the_stored_track_is_the_fold_of_the_walk(database: Database, imu:
     for batch in _batches(_walk(imu).observations, size=5):
         reply = await process.registry.submit(batch)
         assert reply.output is not None
-    await process.finish()
-    track = await _stored(database)
+    track = await process.live_track(database)
     assert len(track) > 30
     assert track == _straight(_walk(imu).observations)
+    await process.finish()
+    assert await _stored(database) == _smoothed(_walk(imu).observations)
 
 
 async def test_swapped_and_repeated_batches_give_the_same_track(database: Database) -> None:
@@ -135,8 +148,9 @@ async def test_swapped_and_repeated_batches_give_the_same_track(database: Databa
         first = await process.registry.submit(batch)
         again = await process.registry.submit(batch)
         assert again == replace(first, duplicate=True)
+    assert await process.live_track(database) == _straight(_walk(True).observations)
     await process.finish()
-    assert await _stored(database) == _straight(_walk(True).observations)
+    assert await _stored(database) == _smoothed(_walk(True).observations)
 
 
 async def test_deaths_between_log_and_fold_change_nothing(database: Database) -> None:
@@ -154,8 +168,9 @@ async def test_deaths_between_log_and_fold_change_nothing(database: Database) ->
     await process.registry.close()
     process = Process(database)
     await process.registry.recover()
+    assert await process.live_track(database) == _straight(observations)
     await process.finish()
-    assert await _stored(database) == _straight(observations)
+    assert await _stored(database) == _smoothed(observations)
 
 
 async def _die_between_log_and_fold(process: Process, batch: IncomingBatch) -> None:
@@ -236,4 +251,4 @@ async def test_a_finished_session_is_opened_again(database: Database) -> None:
     assert len(await process.log.unfinished_sessions()) == 1
     await process.finish()
     assert await process.log.unfinished_sessions() == []
-    assert await _stored(database) == _straight(observations)
+    assert await _stored(database) == _smoothed(observations)
