@@ -7,7 +7,15 @@ from fastapi import Request, Response
 from pydantic import AfterValidator, Field, model_validator
 
 from app.api.auth import Principal, check_site
-from app.api.conditional import MergePatch, Seen, is_held, not_modified, patch_schema, patched
+from app.api.conditional import (
+    NOT_MODIFIED,
+    MergePatch,
+    Seen,
+    is_held,
+    not_modified,
+    patch_schema,
+    patched,
+)
 from app.api.context import ApiContext
 from app.api.paging import Page, Paging, page_of
 from app.api.resource import (
@@ -129,7 +137,7 @@ async def create_beacon(
     return created(response, path, stored.row_version, beacon_view(stored))
 
 
-@router.get("/{beacon_id}", response_model=Beacon)
+@router.get("/{beacon_id}", response_model=Beacon, responses=NOT_MODIFIED)
 async def get_beacon(
     beacon_id: str, principal: Reader, context: Context, request: Request, response: Response
 ) -> Beacon | Response:

@@ -16,6 +16,11 @@ Model = TypeVar("Model", bound=BaseModel)
 MAX_PATCH_BYTES = 1 << 20
 PATCH_TYPES = ("application/merge-patch+json", "application/json")
 
+NOT_MODIFIED: dict[int | str, dict[str, Any]] = {
+    304: {"description": "If-None-Match names the state that there is."}
+}
+"""OpenAPI responses of a GET that `is_held` may answer."""
+
 
 def etag_of(row_version: int | str) -> str:
     """Return the strong entity tag of a row version or of a content hash."""

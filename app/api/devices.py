@@ -7,9 +7,18 @@ from fastapi import Depends, Request, Response
 from pydantic import Field
 
 from app.api.auth import READERS, Principal, Role, check_device, require
-from app.api.conditional import MergePatch, Seen, is_held, not_modified, patch_schema, patched
+from app.api.conditional import (
+    NOT_MODIFIED,
+    MergePatch,
+    Seen,
+    is_held,
+    not_modified,
+    patch_schema,
+    patched,
+)
 from app.api.context import ApiContext
 from app.api.fix import iso_time, output_json
+from app.api.fix_openapi import FIX_REPLY
 from app.api.paging import Page, Paging, page_of
 from app.api.resource import (
     Admin,
@@ -70,7 +79,7 @@ async def list_devices(
     return page_of(rows, paging.limit, lambda d: d.device_id, lambda d: _view(d, now_s))
 
 
-@router.get("/{device_id}", response_model=Device)
+@router.get("/{device_id}", response_model=Device, responses=NOT_MODIFIED)
 async def get_device(
     device_id: str, principal: Reader, context: Context, request: Request, response: Response
 ) -> Device | Response:
@@ -110,7 +119,7 @@ async def erase_device(device_id: str, principal: Admin, context: Context, seen:
     context.authenticator.forget()
 
 
-@router.get("/{device_id}/fix")
+@router.get("/{device_id}/fix", responses={200: FIX_REPLY})
 async def get_fix(device_id: str, principal: OwnReader, context: Context) -> dict[str, Any]:
     """Return where the device is as of its newest batch, or why that is not known."""
     device = await device_in_scope(context, principal, device_id)

@@ -9,6 +9,7 @@ from pydantic import Field
 
 from app.api.auth import Principal, check_site
 from app.api.conditional import (
+    NOT_MODIFIED,
     MergePatch,
     Seen,
     etag_of,
@@ -34,7 +35,7 @@ from app.api.resource import (
     registry_router,
     tagged,
 )
-from app.api.uploads import read_json_object, read_plan_image
+from app.api.uploads import PLAN_TYPES, read_json_object, read_plan_image
 from app.services import site as site_service
 from app.services.errors import found
 from app.storage import floors
@@ -42,31 +43,14 @@ from app.storage.floors import StoredFloor
 
 router = registry_router("/v1/floors", "floors")
 
-MAP_EXAMPLE = {
-    "type": "FeatureCollection",
-    "features": [
-        {
-            "type": "Feature",
-            "properties": {"kind": "walkable"},
-            "geometry": {
-                "type": "Polygon",
-                "coordinates": [[[0, 0], [60, 0], [60, 40], [0, 40], [0, 0]]],
-            },
-        },
-        {
-            "type": "Feature",
-            "properties": {"kind": "wall", "attenuation_db": 8},
-            "geometry": {"type": "LineString", "coordinates": [[20, 0], [20, 15]]},
-        },
-    ],
-}
-
 MAP_BODY = {
     "requestBody": {
         "required": True,
-        "content": {"application/json": {"schema": {"type": "object"}, "example": MAP_EXAMPLE}},
+        "content": {"application/json": {"schema": {"type": "object"}}},
     }
 }
+
+PLAN_BODY = {"requestBody": {"required": True, "content": {t: {} for t in PLAN_TYPES}}}
 
 MAX_MAP_BYTES = 32 << 20
 
@@ -130,7 +114,7 @@ async def create_floor(
     return created(response, f"/v1/floors/{stored.floor_id}", stored.row_version, _view(stored))
 
 
-@router.get("/{floor_id}", response_model=Floor)
+@router.get("/{floor_id}", response_model=Floor, responses=NOT_MODIFIED)
 async def get_floor(
     floor_id: str, principal: Reader, context: Context, request: Request, response: Response
 ) -> Floor | Response:
@@ -187,7 +171,7 @@ async def delete_floor(floor_id: str, principal: Admin, context: Context, seen: 
     await context.directory.refresh()
 
 
-@router.get("/{floor_id}/plan", response_class=Response)
+@router.get("/{floor_id}/plan", response_class=Response, responses=NOT_MODIFIED)
 async def get_plan(
     floor_id: str, principal: Reader, context: Context, request: Request
 ) -> Response:
@@ -210,7 +194,7 @@ async def get_plan(
     return Response(plan.image, media_type=plan.media_type, headers=headers)
 
 
-@router.put("/{floor_id}/plan", status_code=204)
+@router.put("/{floor_id}/plan", status_code=204, openapi_extra=PLAN_BODY)
 async def replace_plan(
     floor_id: str, principal: Admin, context: Context, seen: Seen, request: Request
 ) -> Response:
@@ -228,7 +212,7 @@ async def delete_plan(floor_id: str, principal: Admin, context: Context, seen: S
     await site_service.replace_plan(context.database, floor_id, seen, None)
 
 
-@router.get("/{floor_id}/map", response_class=JSONResponse)
+@router.get("/{floor_id}/map", response_class=JSONResponse, responses=NOT_MODIFIED)
 async def get_map(floor_id: str, principal: Reader, context: Context, request: Request) -> Response:
     """Return walls, walkable outlines and obstacles, in metres of the site frame."""
     stored = await _floor(context, principal, floor_id)

@@ -8,7 +8,7 @@ from fastapi import Request, Response
 from pydantic import Field
 
 from app.api.auth import check_site
-from app.api.conditional import Seen, is_held, not_modified
+from app.api.conditional import NOT_MODIFIED, Seen, is_held, not_modified
 from app.api.resource import Admin, Context, Metres, Reader, StrictModel, registry_router, tagged
 from app.core.georeference import fit_georeference
 from app.services import site as site_service
@@ -40,7 +40,7 @@ class Georeference(GeoreferenceFields):
     residual_rms_m: float
 
 
-@router.get("/{site_id}/georeference", response_model=Georeference)
+@router.get("/{site_id}/georeference", response_model=Georeference, responses=NOT_MODIFIED)
 async def get_georeference(
     site_id: str, principal: Reader, context: Context, request: Request, response: Response
 ) -> Georeference | Response:

@@ -17,7 +17,7 @@ async def show_health() -> str:
     return "ok"
 
 
-@router.get("/readyz")
+@router.get("/readyz", responses={503: {"description": "One does not answer."}})
 async def show_readiness(request: Request) -> Response:
     """Tell of each dependency whether it answers; 503 if one does not."""
     database = context_of(request).database

@@ -12,8 +12,9 @@ from app.api.context import ApiContext, context_of
 from app.api.errors import AppError, problem
 from app.api.fix import output_json
 from app.api.ingest_decode import decode_body, decode_records, rejection_json
-from app.api.ingest_openapi import INGEST_BODY, INGEST_REPLY, PROBLEMS
+from app.api.ingest_openapi import INGEST_BODY, INGEST_REPLY
 from app.api.ingest_schema import Batch, PhoneClock
+from app.api.openapi_problems import problems
 from app.api.socket import admit, close_socket, next_text
 from app.services.ingest import Upload
 from app.sessions.batch import ClockReport, Submitted
@@ -29,7 +30,7 @@ class _Seq(msgspec.Struct):
     seq: int | None = None
 
 
-@router.post("", openapi_extra=INGEST_BODY, responses={200: INGEST_REPLY, **PROBLEMS})
+@router.post("", openapi_extra=INGEST_BODY, responses={200: INGEST_REPLY, **problems(429)})
 async def post_batch(
     request: Request, principal: Annotated[Principal, Depends(require(*POSTERS))]
 ) -> Response:

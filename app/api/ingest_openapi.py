@@ -4,6 +4,7 @@ from typing import Any
 
 import msgspec
 
+from app.api.fix_openapi import NO_FIX, NULLABLE_FIX
 from app.api.ingest_schema import RECORD_TYPES, Batch, LocateBody
 
 Schema = dict[str, Any]
@@ -106,13 +107,6 @@ def _body(name: str, examples: dict[str, Schema]) -> Schema:
 INGEST_BODY = _body("Batch", {"scans": WIFI_EXAMPLE, "motion": MOTION_EXAMPLE})
 LOCATE_BODY = _body("LocateBody", {"scans": LOCATE_EXAMPLE})
 
-_NULLABLE_FIX: Schema = {"oneOf": [_ref("Fix"), {"type": "null"}]}
-_NO_FIX: Schema = {
-    "type": "object",
-    "description": "Beside a fix that is null: why.",
-    "properties": {"reason": {"type": "string"}, "time": {"type": ["string", "null"]}},
-    "required": ["reason"],
-}
 _REJECTED: Schema = {
     "type": "array",
     "items": {
@@ -132,8 +126,8 @@ def _reply(description: str, properties: Schema) -> Schema:
     fields = {
         "rejected": _REJECTED,
         "ignored": {"type": "integer"},
-        "fix": _NULLABLE_FIX,
-        "no_fix": _NO_FIX,
+        "fix": NULLABLE_FIX,
+        "no_fix": NO_FIX,
         **properties,
     }
     required = [name for name in fields if name != "no_fix"]
@@ -166,16 +160,3 @@ LOCATE_REPLY = _reply(
         }
     },
 )
-
-_PROBLEM = {"content": {"application/problem+json": {"schema": _ref("Problem")}}}
-PROBLEMS: dict[int | str, Schema] = {
-    400: {"description": "Not JSON, not UTF-8, or broken gzip.", **_PROBLEM},
-    401: {"description": "No valid token.", **_PROBLEM},
-    403: {"description": "Not with this token.", **_PROBLEM},
-    409: {"description": "The seq or the session is taken by something else.", **_PROBLEM},
-    413: {"description": "Too large.", **_PROBLEM},
-    415: {"description": "Another media type or coding than JSON and gzip.", **_PROBLEM},
-    422: {"description": "A field of the envelope is not valid.", **_PROBLEM},
-    429: {"description": "Too much is waiting; see Retry-After.", **_PROBLEM},
-    503: {"description": "It could not be stored; see Retry-After.", **_PROBLEM},
-}

@@ -10,7 +10,7 @@ from app.api.body import read_json_body
 from app.api.context import context_of
 from app.api.fix import output_json
 from app.api.ingest_decode import decode_body, decode_records, rejection_json
-from app.api.ingest_openapi import LOCATE_BODY, LOCATE_REPLY, PROBLEMS
+from app.api.ingest_openapi import LOCATE_BODY, LOCATE_REPLY
 from app.api.ingest_schema import LocateBody
 from app.services.errors import invalid_field
 from app.services.locate import locate
@@ -21,7 +21,7 @@ router = APIRouter(prefix="/v1", tags=["ingest"])
 _QUESTIONS = msgspec.json.Decoder(LocateBody)
 
 
-@router.post("/locate", openapi_extra=LOCATE_BODY, responses={200: LOCATE_REPLY, **PROBLEMS})
+@router.post("/locate", openapi_extra=LOCATE_BODY, responses={200: LOCATE_REPLY})
 async def post_locate(
     request: Request, principal: Annotated[Principal, Depends(require())]
 ) -> Response:

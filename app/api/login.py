@@ -7,6 +7,7 @@ from pydantic import BaseModel, Field
 
 from app.api.auth import COOKIE, Principal, require
 from app.api.context import context_of
+from app.api.openapi_problems import problems
 from app.api.resource import registry_router
 
 router = registry_router("/v1", "access")
@@ -26,7 +27,7 @@ class WhoAmI(BaseModel):
     device_id: str | None
 
 
-@router.post("/login")
+@router.post("/login", responses=problems(401, 503))
 async def log_in(
     request: Request, response: Response, body: Annotated[LoginBody, Body()]
 ) -> WhoAmI:

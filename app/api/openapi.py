@@ -1,67 +1,22 @@
-"""The OpenAPI document: FastAPI's, with the ingest body, the fix, problems and bearer tokens."""
+"""The OpenAPI document: FastAPI's, with the ingest body, the fix, problems, examples and tokens."""
 
 from typing import Any
 
 from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
 
+from app.api.fix_openapi import FIX
 from app.api.ingest_openapi import COMPONENTS
-from app.core.types import Method, MotionMode
-from app.services.errors import ErrorCode
+from app.api.openapi_examples import add_examples
+from app.api.openapi_problems import PROBLEM, add_problems
 
-_NUMBER = {"type": "number"}
-_TEXT = {"type": "string"}
-_COUNT = {"type": "integer"}
-
-FIX: dict[str, Any] = {
-    "type": "object",
-    "description": "Where a device was at one instant; metres in the site's frame.",
-    "properties": {
-        "device_id": {"type": ["string", "null"], "description": "null in a one-shot answer"},
-        "time": {"type": "string", "format": "date-time"},
-        "site_id": _TEXT,
-        "floor_id": _TEXT,
-        "x": _NUMBER,
-        "y": _NUMBER,
-        "radius95_m": {**_NUMBER, "description": "Predicted to hold the truth in 95 of 100 cases."},
-        "covariance": {"type": "array", "items": {"type": "array", "items": _NUMBER}},
-        "speed_mps": _NUMBER,
-        "heading_deg": {"type": ["number", "null"], "description": "Clockwise from north."},
-        "motion": {"enum": [mode.value for mode in MotionMode]},
-        "method": {"enum": [method.value for method in Method]},
-        "profile": _TEXT,
-        "floor_confidence": _NUMBER,
-        "zones": {"type": "array", "items": _TEXT},
-        "used": {
-            "type": "object",
-            "description": "Transmitters of the newest scan, and steps since that scan.",
-            "properties": {"beacons": _COUNT, "access_points": _COUNT, "steps": _COUNT},
-        },
-        "age_s": {**_NUMBER, "description": "Since the last observation that told the place."},
-    },
-    "required": ["device_id", "time", "site_id", "floor_id", "x", "y", "radius95_m"],
-}
-
-PROBLEM: dict[str, Any] = {
-    "type": "object",
-    "description": "RFC 9457 problem details.",
-    "properties": {
-        "type": _TEXT,
-        "title": _TEXT,
-        "status": _COUNT,
-        "detail": _TEXT,
-        "instance": _TEXT,
-        "code": {"enum": [code.value for code in ErrorCode]},
-        "errors": {
-            "type": "array",
-            "items": {"type": "object", "properties": {"pointer": _TEXT, "detail": _TEXT}},
-        },
-        "request_id": _TEXT,
-    },
-    "required": ["type", "title", "status", "detail", "code"],
-}
-
-_OPEN_PATHS = frozenset({"/healthz", "/readyz"})
+# What a client may ask before it has a token.
+_OPEN = (
+    ("get", "/healthz"),
+    ("get", "/readyz"),
+    ("post", "/v1/login"),
+    ("delete", "/v1/login"),
+)
 
 
 def install_openapi(app: FastAPI) -> None:
@@ -84,7 +39,8 @@ def _document(app: FastAPI) -> dict[str, Any]:
     schemas |= {**COMPONENTS, "Fix": FIX, "Problem": PROBLEM}
     components["securitySchemes"] = {"token": {"type": "http", "scheme": "bearer"}}
     document["security"] = [{"token": []}]
-    for path in _OPEN_PATHS & document["paths"].keys():
-        for operation in document["paths"][path].values():
-            operation["security"] = []
+    for method, path in _OPEN:
+        document["paths"][path][method]["security"] = []
+    add_problems(document)
+    add_examples(document)
     return document

@@ -7,7 +7,15 @@ from fastapi import Request, Response
 from pydantic import Field
 
 from app.api.auth import check_site
-from app.api.conditional import MergePatch, Seen, is_held, not_modified, patch_schema, patched
+from app.api.conditional import (
+    NOT_MODIFIED,
+    MergePatch,
+    Seen,
+    is_held,
+    not_modified,
+    patch_schema,
+    patched,
+)
 from app.api.fix import iso_time
 from app.api.paging import Page, Paging, page_of
 from app.api.resource import (
@@ -79,7 +87,7 @@ async def create_site(
     return created(response, f"/v1/sites/{stored.site_id}", stored.row_version, _view(stored))
 
 
-@router.get("/{site_id}", response_model=Site)
+@router.get("/{site_id}", response_model=Site, responses=NOT_MODIFIED)
 async def get_site(
     site_id: str, principal: Reader, context: Context, request: Request, response: Response
 ) -> Site | Response:

@@ -13,6 +13,7 @@ from app.api.auth import check_site
 from app.api.context import ApiContext
 from app.api.devices import OwnReader, device_in_scope
 from app.api.fix import fix_json
+from app.api.fix_openapi import FIXES_REPLY, TRACK_REPLY
 from app.api.negotiation import best_type
 from app.api.paging import decode_cursor, encode_cursor
 from app.api.resource import Context, Reader, registry_router
@@ -61,7 +62,7 @@ Span = Annotated[
 ]
 
 
-@router.get("/fixes")
+@router.get("/fixes", responses={200: FIXES_REPLY})
 async def list_fixes(
     principal: Reader,
     context: Context,
@@ -123,7 +124,7 @@ def track_request(
     return TrackRequest(from_s, to_s, limit, after, every, simplify)
 
 
-@router.get("/devices/{device_id}/track", response_class=JSONResponse)
+@router.get("/devices/{device_id}/track", responses={200: TRACK_REPLY})
 async def get_track(
     device_id: str,
     principal: OwnReader,

@@ -16,6 +16,7 @@ MAX_PLAN_PIXELS = 64_000_000
 """Decoded, a plan of this size takes 256 MB in a browser; larger ones are scanned posters."""
 
 _FORMATS = {"image/png": "PNG", "image/jpeg": "JPEG"}
+PLAN_TYPES = (*_FORMATS, "image/svg+xml")
 _SVG_START = re.compile(
     rb"^\s*(<\?xml[^>]*\?>\s*)?((<!--.*?-->|<!DOCTYPE[^>]*>)\s*)*<svg[\s>]", re.DOTALL
 )
@@ -60,8 +61,8 @@ async def read_bounded(request: Request, max_bytes: int) -> bytes:
 async def read_plan_image(request: Request) -> PlanImage:
     """Return the picture in the request's body."""
     media_type = media_type_of(request)
-    if media_type not in {*_FORMATS, "image/svg+xml"}:
-        detail = "a plan is image/png, image/jpeg or image/svg+xml"
+    if media_type not in PLAN_TYPES:
+        detail = f"a plan is one of {', '.join(PLAN_TYPES)}"
         raise AppError(ErrorCode.MEDIA_TYPE_UNSUPPORTED, detail)
     image = await read_bounded(request, MAX_PLAN_BYTES)
     if media_type in _FORMATS:

@@ -7,11 +7,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from api_server import ApiServer
+from api_server import NOW_S, ApiServer, batch, ble_record
 from fastapi.openapi.models import OpenAPI
 
 from app.api.errors import STATUS
 from app.api.observations import RecordCode
+from app.api.openapi_examples import EXAMPLES
 from app.api.stream import StreamCode
 from app.config import Settings
 from app.core.types import NoFixReason
@@ -87,6 +88,41 @@ def test_the_documented_stream_codes_are_those_of_the_code() -> None:
     section = DOCS.partition("## Live stream\n")[2].partition("\n## ")[0]
     for code in StreamCode:
         assert f"`{code.value}`" in section
+
+
+def test_every_refusal_is_described_as_a_problem(document: dict[str, Any]) -> None:
+    for path, operations in document["paths"].items():
+        for method, operation in operations.items():
+            responses = operation["responses"]
+            assert ("401" in responses) or operation["security"] == [], (method, path)
+            for status, response in responses.items():
+                if int(status) >= 400 and path != "/readyz":
+                    assert set(response["content"]) == {"application/problem+json"}, (method, path)
+    assert "HTTPValidationError" not in document["components"]["schemas"]
+    edit = document["paths"]["/v1/floors/{floor_id}"]["patch"]["responses"]
+    assert {"404", "409", "412", "413", "415", "422"} <= set(edit)
+
+
+def test_every_json_body_has_an_example(document: dict[str, Any]) -> None:
+    for path, operations in document["paths"].items():
+        for method, operation in operations.items():
+            for media_type, body in operation.get("requestBody", {}).get("content", {}).items():
+                if media_type.endswith("json"):
+                    assert {"example", "examples"} & set(body), (method, path)
+
+
+@pytest.mark.anyio
+async def test_the_examples_of_openapi_are_taken_one_after_the_other(server: ApiServer) -> None:
+    ids = {"site_id": "hall", "floor_id": "hall-0", "beacon_id": "entrance", "device_id": "phone-7"}
+    async with server.client("admin") as client:
+        walked = batch(ble_record(6.0, 4.0, NOW_S * 1000.0), site="lab")
+        assert (await client.post("/v1/ingest", json=walked)).status_code == 200
+        for (method, path), example in EXAMPLES.items():
+            body = {"token": server.secrets["admin"]} if path == "/v1/login" else example
+            query = {"site_id": "hall"} if path == "/v1/beacons/import" else {}
+            reply = await client.request(method, path.format(**ids), json=body, params=query)
+            assert reply.is_success, (method, path, reply.text)
+            assert not (path == "/v1/beacons/import" and reply.json()["refused"]), reply.text
 
 
 @pytest.mark.anyio
