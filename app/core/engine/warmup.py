@@ -5,8 +5,7 @@ import math
 import numpy as np
 
 from app.core.engine.order import order_key
-from app.core.engine.pipeline import advance, finish
-from app.core.engine.state import start
+from app.core.engine.smoothing import smoothed
 from app.core.fingerprint.radio_map import Fingerprint, build_radio_map
 from app.core.params import Params
 from app.core.site import Floor, SiteModel
@@ -17,15 +16,12 @@ _STEP_HZ, _RATE_HZ = 2.0, 50.0
 
 
 def warm_up() -> None:
-    """Fold two seconds of everything that runs a kernel.
+    """Fold and smooth two seconds of everything that runs a kernel.
 
     A kernel is compiled at its first call, which takes seconds on a new machine, and read from the
     cache of an earlier run after that, which still takes longer than a phone's batch should.
     """
-    site, params, state = _small_site(), Params(), start()
-    for observation in sorted(_short_walk(), key=order_key):
-        state, _ = advance(state, observation, site, params)
-    finish(state, site, params)
+    smoothed(sorted(_short_walk(), key=order_key), _small_site(), Params())
 
 
 def _small_site() -> SiteModel:
