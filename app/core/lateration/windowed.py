@@ -22,7 +22,14 @@ import numpy as np
 from numba import njit
 
 from app.core.lateration.gauss_newton import Priors, Rows, inverse, minimise
-from app.core.lateration.surface import basins, box_around, inside, is_gaussian, posterior_moments
+from app.core.lateration.surface import (
+    Surface,
+    basins,
+    box_around,
+    inside,
+    is_gaussian,
+    posterior_moments,
+)
 from app.core.params import LaterationParams
 from app.core.radio.path_loss import SIGMA, LevelModel, X, Y
 from app.core.radio.windows import Window
@@ -60,7 +67,13 @@ class Estimate:
 
 
 def estimate(
-    window: Window, model: LevelModel, at_s: float, *, kinematic: bool, params: LaterationParams
+    window: Window,
+    model: LevelModel,
+    at_s: float,
+    *,
+    kinematic: bool,
+    params: LaterationParams,
+    area_m: FloatArray | None = None,
 ) -> Estimate | NoFix:
     """Return where the phone was at a time, from the levels of a window.
 
@@ -75,6 +88,9 @@ def estimate(
     kinematic
         Whether to estimate a velocity. Wanted for a phone that moves, and only then: the velocity
         of a phone at rest doubles the error of its position.
+    area_m : (n, 2)
+        Corners of where phones can be: the box is laid around them, instead of around the anchors
+        heard. A weak signal leaves much of that open, so it helps most where few are heard.
 
     Returns
     -------
@@ -87,13 +103,17 @@ def estimate(
         return NoFix(at_s, NoFixReason.NOTHING_HEARD)
     if heard < params.min_anchors:
         return NoFix(at_s, NoFixReason.TOO_FEW_TRANSMITTERS)
-    state, D, linearised = _solve(
+    readings, means = _weighed(
         (window.anchor_index, window.time_s - at_s, window.rssi_dbm),
         model.table,
-        kinematic,
-        _priors(params),
-        params,
+        params.huber_k,
+        params.shadowing_correlation,
     )
+    if area_m is None:
+        area_m = model.table[means[0], X : Y + 1]
+    box = box_around(area_m, params.search_margin_m)
+    surface = (means, model.table, box, _priors(params))
+    state, D, linearised = _solve(readings, surface, kinematic)
     if not _worst_variance(D) <= params.max_sigma_m**2:
         return NoFix(at_s, NoFixReason.DEGENERATE_GEOMETRY)
     has_velocity = kinematic and linearised
@@ -137,12 +157,10 @@ def _chi2(v: FloatArray, D: FloatArray) -> float:
 
 
 def _solve(
-    heard: Heard, table: FloatArray, kinematic: bool, priors: Priors, params: LaterationParams
+    readings: Rows, surface: Surface, kinematic: bool
 ) -> tuple[FloatArray, FloatArray, bool]:
     """Return state (p,), covariance (p, p) and whether they are Gauss-Newton's."""
-    readings, means = _weighed(heard, table, priors[0], params.shadowing_correlation)
-    box = box_around(table[means[0], X : Y + 1], params.search_margin_m)
-    surface = (means, table, box, priors)
+    means, table, box, priors = surface
     found = basins(surface)
     static, _, A = minimise(means, table, found[0][np.argmin(found[1])], priors)
     D = inverse(A)
