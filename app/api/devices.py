@@ -126,9 +126,8 @@ async def get_fix(device_id: str, principal: OwnReader, context: Context) -> dic
     latest = context.registry.latest(device_id)
     if latest is None:
         return output_json(device_id, device.site_id or "", None)
-    session_id, output = latest
-    sites = await context.database.read(lambda c: devices.sites_of_sessions(c, device_id))
-    site_id = found(sites.get(session_id), "fix of device", device_id)
+    site_id, output = latest
+    found(context.directory.current(site_id), "fix of device", device_id)
     if not principal.covers_site(site_id):
         raise AppError(ErrorCode.SITE_FORBIDDEN, f"the token is not for site {site_id!r}")
     return output_json(device_id, site_id, output, context.directory.georeference(site_id))

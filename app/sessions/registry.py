@@ -50,7 +50,6 @@ class _Device:
 @dataclass(frozen=True, slots=True)
 class _Latest:
     site_id: str
-    session_id: str
     output: Output
 
 
@@ -92,12 +91,12 @@ class SessionRegistry:
         return await device.mailbox.offer(lambda: self._serve(device, batch))
 
     def latest(self, device_id: str) -> tuple[str, Output] | None:
-        """Return session and output of the device's newest batch.
+        """Return site and output of the device's newest batch.
 
         After a restart it is the last stored point, until the device posts again.
         """
         latest = self._latest.get(device_id)
-        return None if latest is None else (latest.session_id, latest.output)
+        return None if latest is None else (latest.site_id, latest.output)
 
     def latest_at(self, site_id: str) -> dict[str, Output]:
         """Return the latest output of every device that was last seen at a site."""
@@ -140,7 +139,7 @@ class SessionRegistry:
         A session wakes up when it is needed.
         """
         for last in await self._ports.tracks.last_points():
-            self._latest[last.device_id] = _Latest(last.site_id, last.session_id, last.point)
+            self._latest[last.device_id] = _Latest(last.site_id, last.point)
         now_s = self._clock.now_s()
         for record in await self._ports.log.unfinished_sessions():
             slots = self._device(record.device_id).slots
@@ -149,11 +148,10 @@ class SessionRegistry:
     async def sweep(self) -> None:
         """Finish sessions that are over, put to sleep those that are silent or too many."""
         now_s = self._clock.now_s()
-        over_s = now_s - self._limits.idle_s
         asleep_s = max(now_s - self._limits.evict_s, self._seen_s_of_excess())
         for device_id, device in tuple(self._devices.items()):
             for slot in tuple(device.slots.values()):
-                if slot.seen_s <= over_s:
+                if self._is_over(slot):
                     await asyncio.wait([self._post(device, partial(self._finish, device, slot))])
                 elif slot.live and slot.seen_s <= asleep_s:
                     await asyncio.wait([self._post(device, partial(self._sleep, slot))])
@@ -268,7 +266,7 @@ class SessionRegistry:
             raise
 
     def _show(self, record: SessionRecord, output: Output) -> None:
-        self._latest[record.device_id] = _Latest(record.site_id, record.session_id, output)
+        self._latest[record.device_id] = _Latest(record.site_id, output)
         self._hub.publish(record.site_id, record.device_id, output)
 
     async def _settle_all(self, device: _Device) -> None:
@@ -285,7 +283,13 @@ class SessionRegistry:
         task.add_done_callback(partial(_log_failure, device.device_id))
         return task
 
+    def _is_over(self, slot: _Slot) -> bool:
+        return slot.seen_s <= self._clock.now_s() - self._limits.idle_s
+
     async def _finish(self, device: _Device, slot: _Slot) -> None:
+        # Before this job's turn the phone may have come back, or the device been erased.
+        if not self._is_over(slot) or device.slots.get(slot.record.session) is not slot:
+            return
         if self._has_site(slot):
             session = await self._awake(slot)
             await session.finish()

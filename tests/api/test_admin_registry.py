@@ -289,6 +289,19 @@ async def test_a_device_is_named_and_grows_stale(server: ApiServer) -> None:
     assert [(d["device_id"], d["status"]) for d in listed] == [("phone-7", "offline")]
 
 
+async def test_the_fix_of_a_device_goes_with_its_site(server: ApiServer) -> None:
+    async with server.client() as admin, server.client("phone-7") as phone:
+        await phone.post("/v1/ingest", json=batch(ble_record(6, 4, NOW_S * 1000)))
+        fix = (await admin.get("/v1/devices/phone-7/fix")).json()["fix"]
+        assert fix["site_id"] == "lab"
+        beacons = (await admin.get("/v1/beacons", params={"site_id": "lab"})).json()["items"]
+        paths = [f"/v1/beacons/{beacon['beacon_id']}" for beacon in beacons]
+        for path in (*paths, "/v1/floors/lab-0", "/v1/sites/lab"):
+            assert (await admin.delete(path)).status_code == 204
+        assert (await admin.get("/v1/devices/phone-7/fix")).status_code == 404
+        assert (await admin.get("/v1/devices/phone-7")).json()["site_id"] is None
+
+
 async def test_an_erased_device_leaves_nothing_and_may_come_back(server: ApiServer) -> None:
     async with server.client() as admin, server.client("phone-7") as phone:
         record = ble_record(6, 4, NOW_S * 1000)

@@ -1,5 +1,6 @@
 """From the first snapshot to the final track: sleep, restart, end, and coming back."""
 
+import asyncio
 from dataclasses import replace
 
 import pytest
@@ -135,6 +136,37 @@ async def test_what_is_over_leaves_memory() -> None:
     assert server.registry._devices == {}
 
 
+async def test_a_phone_that_is_back_before_the_finish_has_its_turn_keeps_its_session_open() -> None:
+    server = Server()
+    walk = steps_at(*range(10), 10.5, *range(600, 610), 610.25)
+    await server.registry.submit(batch_of(walk[:11], 0))
+    server.clock.time_s += server.limits.idle_s
+    submitted = server.registry.submit(batch_of(walk[11:], 1))
+    await asyncio.gather(submitted, server.registry.sweep())
+    assert not server.log.sessions["phone", "walk"].finished
+    assert server.registry.pending_points("phone")
+    await server.run_idle()
+    assert server.log.sessions["phone", "walk"].finished
+    assert server.track() == straight_track(walk, ChainFold())
+
+
+async def test_a_device_erased_before_the_finish_has_its_turn_stays_erased(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    server = Server()
+    await server.registry.submit(batch_of(steps_at(*range(10))))
+    server.clock.time_s += server.limits.idle_s
+
+    async def remove() -> None:
+        server.log.sessions.clear()
+        server.history.tracks.clear()
+        server.history.queue.clear()
+
+    await asyncio.gather(server.registry.erase("phone", remove), server.registry.sweep())
+    assert caplog.text == ""
+    assert server.history.tracks == {}
+
+
 async def test_trouble_with_history_does_not_stop_the_phone(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
@@ -163,11 +195,10 @@ async def test_after_a_restart_each_device_is_where_its_newest_session_ended() -
     await server.registry.submit(batch_of(steps_at(*range(9)), device_id="other"))
     await server.registry.submit(batch_of([], device_id="silent"))
     await server.kill(written=99)
-    record = server.log.sessions["phone", "second"]
-    assert server.registry.latest("phone") == (record.session_id, server.track("second")[-1])
+    assert server.registry.latest("phone") == ("site", server.track("second")[-1])
     assert server.registry.latest_at("site") == {
         "phone": server.track("second")[-1],
         "other": server.track(device_id="other")[-1],
     }
     reply = await server.registry.submit(batch_of(steps_at(25.0), 1, session="first"))
-    assert server.registry.latest("phone") == (reply.session_id, reply.output)
+    assert server.registry.latest("phone") == ("site", reply.output)

@@ -41,7 +41,7 @@ async def test_the_reply_carries_the_output_at_the_latest_observation() -> None:
     assert (reply.accepted, reply.rejected, reply.ignored) == (2, (edge,), 2)
     assert reply.output is not None
     assert reply.output.time_s == START_S + 2.25
-    assert server.registry.latest("phone") == (reply.session_id, reply.output)
+    assert server.registry.latest("phone") == ("site", reply.output)
     assert server.registry.latest_at("site") == {"phone": reply.output}
     assert server.registry.latest("stranger") is None
 
