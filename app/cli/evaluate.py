@@ -3,9 +3,16 @@
 import typer
 
 from app.cli.evaluate_ms2020 import evaluate_ms2020
-from app.cli.evaluate_tables import evaluate_oxford_steps, evaluate_ujiindoorloc
+from app.cli.evaluate_tables import (
+    evaluate_kolakowski,
+    evaluate_oxford_steps,
+    evaluate_uji_ble,
+    evaluate_ujiindoorloc,
+)
 
 evaluating = typer.Typer(no_args_is_help=True, help="Measure accuracy on public data sets.")
 evaluating.command("ms2020")(evaluate_ms2020)
+evaluating.command("uji-ble")(evaluate_uji_ble)
+evaluating.command("kolakowski")(evaluate_kolakowski)
 evaluating.command("ujiindoorloc")(evaluate_ujiindoorloc)
 evaluating.command("oxford-steps")(evaluate_oxford_steps)

@@ -1,4 +1,4 @@
-"""``pharos evaluate ujiindoorloc``, ``oxford-steps``: data sets that are a few tables."""
+"""``pharos evaluate`` for data sets that are a few tables."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -8,14 +8,36 @@ import typer
 
 from app.cli.errors import CommandError
 from app.cli.evaluate_output import JsonOption, give
+from app.formats import kolakowski as kolakowski_files
 from app.formats import oxford_steps as oxford_files
+from app.formats import uji_ble as uji_ble_files
 from app.formats import ujiindoorloc as ujiindoorloc_files
-from app.services.evaluation import oxford_steps, ujiindoorloc
+from app.services.evaluation import kolakowski, oxford_steps, uji_ble, ujiindoorloc
 
 Folder: TypeAlias = Annotated[
     Path, typer.Argument(metavar="DIR", help="The data set.", exists=True, file_okay=False)
 ]
 Read = TypeVar("Read")
+
+
+def evaluate_uji_ble(
+    folder: Folder,
+    zone: Annotated[str, typer.Option(metavar="ZONE", help="Part of the library.")],
+    json_file: JsonOption = None,
+) -> None:
+    """Locate scans at known points among known beacons."""
+    anchors, scans = _read(lambda: uji_ble_files.read_zone(folder, zone))
+    give(uji_ble.evaluate(anchors, scans, zone), json_file)
+
+
+def evaluate_kolakowski(folder: Folder, json_file: JsonOption = None) -> None:
+    """Follow a robot through a flat with six known receivers."""
+    anchors = _read(lambda: kolakowski_files.read_anchors(folder))
+    surveyed, asked = (
+        _read(lambda name=name: kolakowski_files.read_recording(folder / name, anchors))
+        for name in (kolakowski_files.CALIBRATION, kolakowski_files.ROBOT)
+    )
+    give(kolakowski.evaluate(anchors, surveyed, asked), json_file)
 
 
 def evaluate_ujiindoorloc(folder: Folder, json_file: JsonOption = None) -> None:

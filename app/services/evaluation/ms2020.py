@@ -13,13 +13,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from app.core.engine import SessionState, advance, finish, start
+from app.core.engine import SessionState, advance, finish, smoothed, start
 from app.core.evaluate import Answer, Place, ScoredSecond, hold_last, recorded_seconds, score
 from app.core.fingerprint.radio_map import RadioMap
 from app.core.georeference import fit_georeference
 from app.core.params import Params
 from app.core.site import Floor, SiteModel
-from app.core.types import Observation, TrackPoint, WifiScan
+from app.core.types import Observation, Output, TrackPoint, WifiScan
 from app.formats.floor_map import parse_floor_map
 from app.formats.ms2020 import Trace, fold_of, read_trace, trace_id_of, truth_at
 from app.formats.ms2020_site import BuildingFolder, FloorFolder
@@ -63,12 +63,14 @@ class Task(NamedTuple):
 class ScoredWalk:
     """One trace as the engine answered it.
 
+    ``smoothed`` are the same seconds of the track that is stored when all is known;
     ``scans_right`` of ``scans`` are on the right floor when each Wi-Fi scan is taken alone.
     """
 
     trace_id: str
     floor_id: str
     seconds: tuple[ScoredSecond, ...]
+    smoothed: tuple[ScoredSecond, ...]
     scans: int
     scans_right: int
     observations: int
@@ -196,10 +198,13 @@ def score_walk(trace: Trace, site: SiteModel, params: Params) -> ScoredWalk:
             place = Place(floor.floor_id, xy_m[0] + floor.x0_m, xy_m[1] + floor.y0_m)
             truth.append((second.end_s, place))
             answers.append(answer)
+    track = {point.time_s: point for point in smoothed(trace.observations, site, params)}
+    stored = [_answer(track.get(time_s)) for time_s, _ in truth]
     return ScoredWalk(
         trace_id=trace.trace_id,
         floor_id=floor.floor_id,
         seconds=tuple(hold_last(truth, answers)),
+        smoothed=tuple(hold_last(truth, stored)),
         scans=len(scans),
         scans_right=scans.count(floor.floor_id),
         observations=len(trace.observations),
@@ -213,10 +218,13 @@ def _answered(
     """Return what a batch is answered; nobody asks in a second without one."""
     for observation in observations:
         state, _ = advance(state, observation, site, params)
-    output = finish(state, site, params)[-1] if observations else None
+    return state, _answer(finish(state, site, params)[-1] if observations else None)
+
+
+def _answer(output: Output | None) -> Answer | None:
     if not isinstance(output, TrackPoint):
-        return state, None
-    return state, Answer(output.floor_id, output.x_m, output.y_m, output.radius95_m)
+        return None
+    return Answer(output.floor_id, output.x_m, output.y_m, output.radius95_m)
 
 
 def _floors_of_scans(
@@ -236,6 +244,7 @@ def figures_of(walks: Sequence[tuple[Task, ScoredWalk]], profile: str) -> Figure
     tested = [walk for task, walk in of_profile if task.split == TEST]
     tuned = [walk for task, walk in of_profile if task.split == TUNING]
     scored = score(second for walk in tested for second in walk.seconds)
+    stored = score(second for walk in tested for second in walk.smoothed)
     return {
         "traces": len(tested),
         "samples": scored.samples,
@@ -251,6 +260,7 @@ def figures_of(walks: Sequence[tuple[Task, ScoredWalk]], profile: str) -> Figure
         "coverage95_by_decile": scored.coverage95_share_by_decile,
         "no_fix_share": scored.no_fix_share,
         "cpu_us_per_observation": 1e6 * _share(tested, lambda w: w.cpu_s, lambda w: w.observations),
+        "smoothed": {"mean_error_m": stored.mean_error_m, "p95_error_m": stored.p95_error_m},
     }
 
 

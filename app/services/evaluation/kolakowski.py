@@ -1,0 +1,154 @@
+"""Known beacons in a flat: a slow robot, by path loss alone, by radio map, and by the engine."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from app.core.engine import advance, finish, smoothed, start
+from app.core.fingerprint.radio_map import Fingerprint, RadioMap, build_radio_map
+from app.core.lateration.windowed import Estimate, estimate
+from app.core.params import MatchParams, Params
+from app.core.radio.calibration import CalibrationParams
+from app.core.radio.path_loss import X, Y, level_model
+from app.core.radio.windows import window_of
+from app.core.site import Floor, SiteModel
+from app.core.types import Anchor, BleScan, Reading, TrackPoint
+from app.formats.kolakowski import FLOOR, RobotRecording
+from app.services.evaluation.beacons import LATERATION, Place, fitted, matched
+from app.services.evaluation.figures import Evaluation, Figures, error_figures
+
+PROTOCOL = (
+    "receivers calibrated and map surveyed on the calibration drive; asked at every row of the "
+    "test drive, causal, with the levels of the last 2 s; engine: the profile best, fed with the "
+    "same rows as scans, and its smoothed track; roles reversed, the robot transmits"
+)
+WINDOW_S = 2.0
+TRANSMITTER_HEIGHT_M = 1.3
+
+
+def evaluate(
+    anchors: Sequence[Anchor], surveyed: RobotRecording, asked: RobotRecording
+) -> Evaluation:
+    """Return the figures of every method."""
+    row, heard = np.nonzero(~np.isnan(surveyed.rssi_dbm))
+    levels = np.column_stack(
+        [heard, surveyed.x_m[row], surveyed.y_m[row], surveyed.rssi_dbm[row, heard]]
+    )
+    params = CalibrationParams(phone_height_m=TRANSMITTER_HEIGHT_M)
+    known = fitted(anchors, levels, params)
+    radio_map = _radio_map(anchors, surveyed)
+    profiles = {
+        "lateration": _figures(asked, _lateration(asked, known)),
+        "fingerprint": _figures(asked, _fingerprint(asked, anchors, radio_map)),
+        "best_path_loss": _engine_figures(asked, _site(asked, known, None)),
+        "best_radio_map": _engine_figures(asked, _site(asked, anchors, radio_map)),
+    }
+    return Evaluation("kolakowski", PROTOCOL, profiles)
+
+
+def _figures(asked: RobotRecording, locate: Callable[[int], Place | None]) -> Figures:
+    return _of_places(asked, [locate(row) for row in range(len(asked.time_s))])
+
+
+def _of_places(asked: RobotRecording, places: Sequence[Place | None]) -> Figures:
+    errors_m = [
+        float(np.hypot(place[0] - x_m, place[1] - y_m))
+        for place, x_m, y_m in zip(places, asked.x_m, asked.y_m, strict=True)
+        if place is not None
+    ]
+    no_fix_share = 1.0 - len(errors_m) / len(places)
+    return {"samples": len(errors_m), **error_figures(errors_m), "no_fix_share": no_fix_share}
+
+
+def _recent(recording: RobotRecording, row: int) -> slice:
+    from_s = recording.time_s[row] - WINDOW_S
+    return slice(int(np.searchsorted(recording.time_s, from_s, side="right")), row + 1)
+
+
+def _lateration(asked: RobotRecording, known: Sequence[Anchor]) -> Callable[[int], Place | None]:
+    model = level_model(known, TRANSMITTER_HEIGHT_M)
+    area_m = model.table[:, X : Y + 1]
+
+    def locate(row: int) -> Place | None:
+        recent = _recent(asked, row)
+        levels = asked.rssi_dbm[recent]
+        line, heard = np.nonzero(~np.isnan(levels))
+        window = window_of(heard, asked.time_s[recent][line], levels[line, heard])
+        time_s = float(asked.time_s[row])
+        found = estimate(window, model, time_s, kinematic=False, params=LATERATION, area_m=area_m)
+        return (found.fix.x_m, found.fix.y_m) if isinstance(found, Estimate) else None
+
+    return locate
+
+
+def _mean_levels(
+    recording: RobotRecording, row: int, anchors: Sequence[Anchor]
+) -> dict[str, float]:
+    levels = recording.rssi_dbm[_recent(recording, row)]
+    means = {}
+    for i, anchor in enumerate(anchors):
+        heard = levels[~np.isnan(levels[:, i]), i]
+        if len(heard):
+            means[anchor.keys[0]] = float(heard.mean())
+    return means
+
+
+def _radio_map(anchors: Sequence[Anchor], surveyed: RobotRecording) -> RadioMap:
+    rows = range(len(surveyed.time_s))
+    places = zip(surveyed.x_m.tolist(), surveyed.y_m.tolist(), strict=True)
+    return build_radio_map(
+        [FLOOR],
+        [
+            Fingerprint(0, x_m, y_m, {}, _mean_levels(surveyed, row, anchors))
+            for row, (x_m, y_m) in zip(rows, places, strict=True)
+        ],
+    )
+
+
+def _fingerprint(
+    asked: RobotRecording, anchors: Sequence[Anchor], radio_map: RadioMap
+) -> Callable[[int], Place | None]:
+    params = MatchParams()
+
+    def locate(row: int) -> Place | None:
+        levels_dbm = _mean_levels(asked, row, anchors)
+        return matched(levels_dbm, radio_map, params) if levels_dbm else None
+
+    return locate
+
+
+def _site(
+    asked: RobotRecording, anchors: Sequence[Anchor], radio_map: RadioMap | None
+) -> SiteModel:
+    """Return the flat, with either a radio map or anchors."""
+    width_m, height_m = float(asked.x_m.max()), float(asked.y_m.max())
+    floor = Floor(FLOOR, FLOOR, FLOOR, 0, 0.0, 0.0, width_m, height_m)
+    return SiteModel(
+        "flat", 1, (floor,), () if radio_map is not None else tuple(anchors), radio_map
+    )
+
+
+def _engine_figures(asked: RobotRecording, site: SiteModel) -> Figures:
+    best = Params()
+    lateration = replace(best.lateration, phone_height_m=TRANSMITTER_HEIGHT_M)
+    params = replace(best, lateration=lateration)
+    keys = range(asked.rssi_dbm.shape[1])
+    scans = [
+        BleScan(
+            float(time_s),
+            tuple(Reading((f"{i + 1}",), float(row[i])) for i in keys if not np.isnan(row[i])),
+        )
+        for time_s, row in zip(asked.time_s, asked.rssi_dbm, strict=True)
+    ]
+    state, places = start(), []
+    for scan in scans:
+        state, _ = advance(state, scan, site, params)
+        output = finish(state, site, params)[-1]
+        places.append((output.x_m, output.y_m) if isinstance(output, TrackPoint) else None)
+    track = smoothed(scans, site, params)
+    x_m, y_m, time_s = np.array([(p.x_m, p.y_m, p.time_s) for p in track]).T
+    true_x_m = np.interp(time_s, asked.time_s, asked.x_m)
+    true_y_m = np.interp(time_s, asked.time_s, asked.y_m)
+    after = error_figures(np.hypot(x_m - true_x_m, y_m - true_y_m))
+    return {**_of_places(asked, places), "smoothed": after}

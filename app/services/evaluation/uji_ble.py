@@ -1,0 +1,189 @@
+"""Known beacons: scans at surveyed points, by lateration, centroid and fingerprints."""
+
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Sequence
+from itertools import groupby
+from typing import TypeAlias
+
+import numpy as np
+
+from app.core.fingerprint.radio_map import Fingerprint, build_radio_map
+from app.core.lateration.centroid import CentroidParams, weighted_centroid
+from app.core.lateration.windowed import Estimate, estimate
+from app.core.params import LaterationParams, MatchParams
+from app.core.radio.calibration import CalibrationParams
+from app.core.radio.path_loss import LevelModel, level_model
+from app.core.radio.windows import window_of
+from app.core.types import Anchor, Fix, FloatArray
+from app.formats.uji_ble import FLOOR, PointScan
+from app.services.evaluation.beacons import (
+    LATERATION,
+    UNKNOWN_PHONE,
+    Place,
+    fitted,
+    matched,
+)
+from app.services.evaluation.figures import Evaluation, Figures, error_figures
+
+PROTOCOL = (
+    "per phone and transmit power: anchors calibrated on the scans at half of the points, asked at "
+    "the other half (geo: odd and even min(k, 69 - k), since points k and 69 - k share their "
+    "place; elsewhere odd and even points); only scans with at least 3 beacons are asked; one "
+    "scan, and all scans of a point together; errors pooled over phones and powers; "
+    "lateration_10_db_off: 10 dB added to and taken off all levels, of which lateration is not told"
+)
+MIN_BEACONS = 3
+UNKNOWN_OFFSETS_DB = (-10.0, 10.0)
+
+Locate: TypeAlias = Callable[[Sequence[PointScan], float], Place | None]
+"""Where a phone is that made these scans, with this much added to its levels (dB)."""
+
+
+def evaluate(anchors: Sequence[Anchor], scans: Sequence[PointScan], zone: str) -> Evaluation:
+    """Return the figures of every method."""
+    errors: dict[str, dict[str, list[float]]] = defaultdict(lambda: defaultdict(list))
+    for trained, asked in _splits(scans, zone):
+        for name, (locate, offsets_db) in _methods(anchors, trained).items():
+            for offset_db in offsets_db:
+                one = ([scan] for scan in asked)
+                errors[name]["one"] += _errors_m(locate, one, offset_db)
+                errors[name]["mean"] += _errors_m(locate, _by_point(asked), offset_db)
+    few = sum(_beacons(scan) < MIN_BEACONS for _, asked in _splits(scans, zone) for scan in asked)
+    total = sum(len(asked) for _, asked in _splits(scans, zone))
+    return Evaluation(
+        dataset=f"uji-ble {zone}",
+        protocol=PROTOCOL,
+        profiles={name: _figures(found, few / total) for name, found in errors.items()},
+    )
+
+
+def _figures(found: dict[str, list[float]], few_share: float) -> Figures:
+    return {
+        "samples": len(found["one"]),
+        **error_figures(found["one"]),
+        "too_few_beacons_share": few_share,
+        "point_mean": {"samples": len(found["mean"]), **error_figures(found["mean"])},
+    }
+
+
+def _splits(
+    scans: Sequence[PointScan], zone: str
+) -> Iterable[tuple[list[PointScan], list[PointScan]]]:
+    """Yield the scans to calibrate with and those to ask, per phone and power."""
+
+    def is_trained(scan: PointScan) -> bool:
+        number = min(scan.point, 69 - scan.point) if zone == "geo" else scan.point
+        return number % 2 == 1
+
+    def kind(scan: PointScan) -> tuple[str, int]:
+        return scan.phone, scan.tx_power_dbm
+
+    for _, grouped in groupby(sorted(scans, key=kind), key=kind):
+        of_kind = list(grouped)
+        trained = [scan for scan in of_kind if is_trained(scan)]
+        yield trained, [scan for scan in of_kind if not is_trained(scan)]
+
+
+def _by_point(scans: Iterable[PointScan]) -> list[list[PointScan]]:
+    points: dict[tuple[str, int], list[PointScan]] = defaultdict(list)
+    for scan in scans:
+        points[scan.campaign, scan.point].append(scan)
+    return list(points.values())
+
+
+def _beacons(scan: PointScan) -> int:
+    return len({level.anchor_id for level in scan.levels})
+
+
+def _errors_m(
+    locate: Locate, groups: Iterable[Sequence[PointScan]], offset_db: float
+) -> list[float]:
+    errors_m: list[float] = []
+    for scans in groups:
+        heard = len({level.anchor_id for scan in scans for level in scan.levels})
+        place = locate(scans, offset_db) if heard >= MIN_BEACONS else None
+        if place is not None:
+            truth = scans[0]
+            errors_m.append(float(np.hypot(place[0] - truth.x_m, place[1] - truth.y_m)))
+    return errors_m
+
+
+def _methods(
+    anchors: Sequence[Anchor], trained: Sequence[PointScan]
+) -> dict[str, tuple[Locate, tuple[float, ...]]]:
+    index = {anchor.anchor_id: i for i, anchor in enumerate(anchors)}
+    heard = [
+        (index[level.anchor_id], scan.x_m, scan.y_m, level.rssi_dbm)
+        for scan in trained
+        for level in scan.levels
+    ]
+    model = level_model(fitted(anchors, np.array(heard), CalibrationParams()))
+    as_calibrated = (0.0,)
+    return {
+        "lateration": (_lateration(index, model, LATERATION), as_calibrated),
+        "lateration_10_db_off": (
+            _lateration(index, model, UNKNOWN_PHONE),
+            UNKNOWN_OFFSETS_DB,
+        ),
+        "weighted_centroid": (_centroid(index, model), as_calibrated),
+        "fingerprint": (_fingerprint(trained), as_calibrated),
+    }
+
+
+def _lateration(index: dict[str, int], model: LevelModel, params: LaterationParams) -> Locate:
+    area_m: FloatArray = model.table[:, :2]
+
+    def locate(scans: Sequence[PointScan], offset_db: float) -> Place | None:
+        found = estimate(
+            window_of(*_readings(scans, index, offset_db)),
+            model,
+            scans[0].levels[0].time_s if scans[0].levels else 0.0,
+            kinematic=False,
+            params=params,
+            area_m=area_m,
+        )
+        return (found.fix.x_m, found.fix.y_m) if isinstance(found, Estimate) else None
+
+    return locate
+
+
+def _centroid(index: dict[str, int], model: LevelModel) -> Locate:
+    def locate(scans: Sequence[PointScan], offset_db: float) -> Place | None:
+        window = window_of(*_readings(scans, index, offset_db))
+        found = weighted_centroid(window, model, 0.0, CentroidParams())
+        return (found.x_m, found.y_m) if isinstance(found, Fix) else None
+
+    return locate
+
+
+def _fingerprint(trained: Sequence[PointScan]) -> Locate:
+    fingerprints = [
+        Fingerprint(0, s.x_m, s.y_m, {}, _mean_levels([s], 0.0)) for s in trained if s.levels
+    ]
+    radio_map, params = build_radio_map([FLOOR], fingerprints), MatchParams()
+
+    def locate(scans: Sequence[PointScan], offset_db: float) -> Place | None:
+        return matched(_mean_levels(scans, offset_db), radio_map, params)
+
+    return locate
+
+
+def _readings(
+    scans: Iterable[PointScan], index: dict[str, int], offset_db: float
+) -> tuple[np.ndarray, FloatArray, FloatArray]:
+    rows = np.array(
+        [
+            (index[level.anchor_id], level.time_s, level.rssi_dbm + offset_db)
+            for scan in scans
+            for level in scan.levels
+        ]
+    ).reshape(-1, 3)
+    return rows[:, 0].astype(np.int64), rows[:, 1], rows[:, 2]
+
+
+def _mean_levels(scans: Iterable[PointScan], offset_db: float) -> dict[str, float]:
+    levels: dict[str, list[float]] = defaultdict(list)
+    for scan in scans:
+        for level in scan.levels:
+            levels[level.anchor_id].append(level.rssi_dbm + offset_db)
+    return {anchor_id: float(np.mean(heard)) for anchor_id, heard in levels.items()}
