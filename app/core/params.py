@@ -202,7 +202,7 @@ class StepParams:
     min_interval_s: float = 0.28
     pause_s: float = 1.5
     cadence_hz: float = 1.8
-    length_coefficients: tuple[float, float, float, float] = (-2.13, 2.02, 0.83, -0.68)
+    length_coefficients: tuple[float, float, float, float] = (-1.98, 2.03, 0.894, -0.748)
     min_length_m: float = 0.2
     max_length_m: float = 1.1
     usual_length_m: float = 0.66
