@@ -25,6 +25,8 @@ from app.core.types import FloatArray
 from app.formats.floor_map import floor_map_document
 from app.formats.ms2020 import trace_paths
 
+_PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+
 LonLatBox: TypeAlias = tuple[float, float, float, float]
 
 
@@ -155,10 +157,6 @@ def _floor(drawing: _Drawing, west: float, south: float) -> FloorFolder:
 
     outline = shapely.transform(drawing.outline, to_metres)
     rooms = [shapely.transform(room, to_metres) for room in drawing.rooms if not room.is_empty]
-    try:
-        plan_png = (drawing.folder / "floor_image.png").read_bytes()
-    except OSError as error:
-        raise BuildingFolderError(str(error)) from error
     number = drawing.storey_number
     return FloorFolder(
         name=drawing.folder.name,
@@ -167,10 +165,21 @@ def _floor(drawing: _Drawing, west: float, south: float) -> FloorFolder:
         y0_m=y0_m,
         width_m=drawing.size_m[0],
         height_m=drawing.size_m[1],
-        plan_png=plan_png,
+        plan_png=_plan(drawing.folder / "floor_image.png"),
         map_document=floor_map_document([outline], rooms, _outer_walls([outline, *rooms])),
         traces=tuple(trace_paths(drawing.folder)),
     )
+
+
+def _plan(path: Path) -> bytes:
+    try:
+        image = path.read_bytes()
+    except OSError as error:
+        raise BuildingFolderError(str(error)) from error
+    if not image.startswith(_PNG_SIGNATURE):
+        msg = f"{path}: not a PNG image"
+        raise BuildingFolderError(msg)
+    return image
 
 
 def _outer_walls(areas: Iterable[BaseGeometry]) -> Iterator[BaseGeometry]:

@@ -38,7 +38,7 @@ def write_floor(
     collection = {"type": "FeatureCollection", "features": features}
     (folder / "geojson_map.json").write_text(json.dumps(collection))
     (folder / "floor_info.json").write_text('{"map_info": {"width": 10.0, "height": 20.0}}')
-    (folder / "floor_image.png").write_bytes(b"picture of " + folder.name.encode())
+    (folder / "floor_image.png").write_bytes(b"\x89PNG\r\n\x1a\n" + folder.name.encode())
 
 
 @pytest.fixture
@@ -60,7 +60,7 @@ def test_floors_stand_in_one_frame_from_the_lowest_up(house: Path) -> None:
     corners = [(f.x0_m, f.y0_m) for f in floors]
     assert np.allclose(corners, [(0, 0), (0, 10), (5, 10)], atol=1e-6)
     assert [(f.width_m, f.height_m) for f in floors] == [(10.0, 20.0)] * 3
-    assert floors[1].plan_png == b"picture of F1"
+    assert floors[1].plan_png == b"\x89PNG\r\n\x1a\nF1"
     assert [trace.name for trace in floors[1].traces] == ["walk.txt"]
 
 
@@ -103,6 +103,7 @@ def test_a_self_crossing_outline_is_mended(house: Path) -> None:
         ("geojson_map.json", '{"features": [{"geometry": null}]}', "size or outline"),
         ("geojson_map.json", None, "geojson_map.json"),
         ("floor_image.png", None, "floor_image.png"),
+        ("floor_image.png", "<html>", "not a PNG"),
     ],
 )
 def test_a_broken_floor_is_named(house: Path, file: str, content: str | None, words: str) -> None:
