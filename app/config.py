@@ -1,5 +1,7 @@
 """Settings: the only reader of the environment (``PHAROS_*``); read by main and cli alone."""
 
+from typing import Literal
+
 from pydantic import Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
@@ -18,7 +20,9 @@ class Settings(BaseSettings):
     public_url: str | None = Field(
         None, description="Address that browsers and phones use, if not http://host:port."
     )
-    log_level: str = Field("info", description="Log level: debug, info, warning or error.")
+    log_level: Literal["debug", "info", "warning", "error"] = Field(
+        "info", description="Log level: debug, info, warning or error."
+    )
     cors_origins: tuple[str, ...] = Field(
         (),
         description='Origins of other sites\' pages that may call the API, as JSON: ["https://x"].',

@@ -46,7 +46,8 @@ class DemoTokens:
 
 def demo(
     port: Annotated[
-        int | None, typer.Option(help="Port to listen on; default: 8000, or any free one.")
+        int | None,
+        typer.Option(min=0, max=65535, help="Port to listen on; default: 8000, or any free one."),
     ] = None,
     phones: Annotated[int, typer.Option(min=1, max=500, help="How many phones walk.")] = 30,
     folder: Annotated[

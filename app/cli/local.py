@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 from pydantic import ValidationError
+from pydantic_settings import SettingsError
 from sqlalchemy.exc import ArgumentError, SQLAlchemyError
 
 from app.cli.errors import CommandError
@@ -37,6 +38,9 @@ def settings_with(
     except ValidationError as error:
         wrong = "; ".join(f"{'.'.join(map(str, e['loc']))}: {e['msg']}" for e in error.errors())
         msg = f"settings: {wrong}"
+        raise CommandError(msg, 2) from error
+    except SettingsError as error:
+        msg = f"settings: {error}"
         raise CommandError(msg, 2) from error
 
 

@@ -151,11 +151,20 @@ def test_serve_says_when_its_port_is_in_use(pharos: Pharos) -> None:
         fails(pharos("serve", "--port", str(port)), 1, f"127.0.0.1:{port} is in use")
 
 
+@pytest.mark.parametrize(
+    ("name", "value"), [("port", "many"), ("log_level", "loud"), ("cors_origins", "example.org")]
+)
 def test_settings_that_cannot_be_meant_are_named(
-    pharos: Pharos, monkeypatch: pytest.MonkeyPatch
+    pharos: Pharos, monkeypatch: pytest.MonkeyPatch, name: str, value: str
 ) -> None:
-    monkeypatch.setenv("PHAROS_PORT", "many")
-    fails(pharos("serve"), 2, "settings: port")
+    monkeypatch.setenv(f"PHAROS_{name.upper()}", value)
+    fails(pharos("serve"), 2, name)
+
+
+def test_the_demo_refuses_a_port_that_is_none(pharos: Pharos) -> None:
+    result = pharos("demo", "--port", "99999")
+    assert result.code == 2
+    assert "--port" in result.err
 
 
 BEACONS = """beacon_id,kind,floor_id,x,y,mac,ref_level_dbm
