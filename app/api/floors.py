@@ -50,7 +50,8 @@ MAP_BODY = {
     }
 }
 
-PLAN_BODY = {"requestBody": {"required": True, "content": {t: {} for t in PLAN_TYPES}}}
+PLAN_BYTES = {"schema": {"type": "string", "format": "binary"}}
+PLAN_BODY = {"requestBody": {"required": True, "content": dict.fromkeys(PLAN_TYPES, PLAN_BYTES)}}
 
 MAX_MAP_BYTES = 32 << 20
 

@@ -69,14 +69,14 @@ def _statuses(method: str, operation: Schema) -> Iterator[int]:
     success = next(iter(operation["responses"].values()))
     if operation.get("security") != []:
         yield from (401, 403, 503)
-    if parameters:
+    if parameters or "requestBody" in operation:
         yield from (404, 422)
     if "cursor" in parameters:
         yield 400
     if len(success.get("content", ())) > 1:
         yield 406
     if "requestBody" in operation:
-        yield from (400, 413, 415, 422)
+        yield from (400, 413, 415)
     if method not in _SAFE_METHODS and operation.get("security") != []:
         yield 409
     if "if-match" in parameters:
