@@ -159,7 +159,7 @@ def _smooth(
         p[1, 1] += drift[k]
         _sight(m, p, seen[k], noise[3], (back[k, 0], gained[k, 0], told[k, 0]))
         _draw(m, p, pull[k], (back[k, 1], gained[k, 1], told[k, 1]))
-        mean[k], covariance[k] = m, p
+        _keep(m, p, mean[k], covariance[k])
     information, gradient = np.zeros((4, 4)), np.zeros(4)
     for k in range(n - 1, -1, -1):
         _revise(mean[k], covariance[k], information, gradient)
@@ -171,6 +171,17 @@ def _smooth(
                     information[i, j] += gained[k, which, i, j]
         _before(information, gradient, transition[k])
     return mean, covariance
+
+
+@njit(cache=True)
+def _keep(
+    m: FloatArray, p: FloatArray, mean: FloatArray, covariance: FloatArray
+) -> None:  # pragma: no cover - compiled
+    """Copy the state; by loops, since assigning whole arrays takes a second to compile."""
+    for i in range(4):
+        mean[i] = m[i]
+        for j in range(4):
+            covariance[i, j] = p[i, j]
 
 
 @njit(cache=True)
