@@ -7,6 +7,9 @@ BIN := $(VENV)/bin
 INSTALL := $(BIN)/uv pip install --quiet --python $(BIN)/python -c constraints.txt -b constraints.txt
 PYTEST_ARGS ?= -n 2 --dist loadfile
 
+# Every server that a test starts would compile every module again.
+unexport PYTHONDONTWRITEBYTECODE
+
 .PHONY: help demo test lint types browser clean
 .DEFAULT_GOAL := help
 
@@ -16,7 +19,9 @@ help: ## Say what there is
 demo: $(VENV)/.base ## A simulated warehouse with thirty phones; prints the link of the live page
 	@$(BIN)/pharos demo
 
+# The engine's kernels are compiled here once, not by each process that a test starts.
 test: $(VENV)/.dev lint types browser ## Everything that continuous integration runs
+	$(BIN)/python -c 'from app.core.engine import warm_up; warm_up()'
 	$(BIN)/pytest $(PYTEST_ARGS)
 
 lint: $(VENV)/.dev ## Style, formatting and the import contracts
