@@ -33,7 +33,7 @@ from app.storage.tokens import StoredToken, create_token
 
 SEED = 1
 USUAL_PORT = 8000
-START_LIMIT_S = 60.0
+START_LIMIT_S = 120.0
 
 
 @dataclass(frozen=True, slots=True)
