@@ -1,6 +1,7 @@
 """Docs say what the code says."""
 
 import re
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -59,3 +60,24 @@ def test_every_file_that_docs_name_is_there(page: str) -> None:
     text = (DOCS / page).read_text(encoding="utf-8")
     named = set(re.findall(r"`((?:app|tests|migrations)/[\w/.-]+)`", text))
     assert not [name for name in named if not (ROOT / name).exists()]
+
+
+def indented(text: str, depth: int) -> set[str]:
+    """Return the folders and modules of a drawn tree at a depth of indentation."""
+    return set(re.findall(rf"^ {{{depth}}}(\w+)(?:/|\.py)\s", text, re.MULTILINE))
+
+
+def test_the_architecture_page_draws_the_tree_that_there_is() -> None:
+    tree = (DOCS / "architecture.md").read_text(encoding="utf-8").split("```")[1]
+    app = {p.stem for p in (ROOT / "app").iterdir() if p.is_dir() or p.suffix == ".py"}
+    assert indented(tree, 2) == app - {"__init__", "__pycache__"}
+    core = {p.name for p in (ROOT / "app" / "core").iterdir() if p.is_dir()}
+    assert indented(tree, 4) == core - {"__pycache__"}
+
+
+def test_the_architecture_page_shows_the_layers_of_the_contracts() -> None:
+    text = (DOCS / "architecture.md").read_text(encoding="utf-8")
+    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    for contract in contracts["tool"]["importlinter"]["contracts"]:
+        if contract["type"] == "layers":
+            assert "```\n" + "\n".join(contract["layers"]) + "\n```" in text, contract["name"]
