@@ -111,6 +111,15 @@ def test_every_json_body_has_an_example(document: dict[str, Any]) -> None:
                     assert {"example", "examples"} & set(body), (method, path)
 
 
+def test_the_docs_name_the_routes_that_there_are(document: dict[str, Any]) -> None:
+    paths = {re.sub(r"\{\w+\}", "{id}", path) for path in document["paths"]}
+    sockets = {"/v1/ingest/stream", "/v1/stream"}
+    named = set(re.findall(r"`(?:[A-Z]+ )?(/v1/[^\s`?]+)", DOCS))
+    assert named - sockets <= paths
+    resources = {"/".join(path.split("/")[:3]) for path in paths if path.startswith("/v1/")}
+    assert resources <= {"/".join(path.split("/")[:3]) for path in named}
+
+
 @pytest.mark.anyio
 async def test_the_examples_of_openapi_are_taken_one_after_the_other(server: ApiServer) -> None:
     ids = {"site_id": "hall", "floor_id": "hall-0", "beacon_id": "entrance", "device_id": "phone-7"}
