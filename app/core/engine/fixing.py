@@ -120,14 +120,14 @@ def _by_motion(
 
     Without steps or acceleration the kinematic model's own velocity tells which (its significance).
     """
-    moving = estimate(window, model, time_s, kinematic=True, params=params.lateration)
-    if isinstance(moving, Estimate) and moving.velocity_chi2 is not None:
-        motion = with_velocity(state.motion, time_s, moving.velocity_chi2)
-        state = replace(state, motion=motion)
-    mode = decided(state.motion, time_s, params.motion_mode).mode
-    if mode is MotionMode.WALKING:
-        return moving, state
-    return estimate(window, model, time_s, kinematic=False, params=params.lateration), state
+    lateration = params.lateration
+    if state.motion.last_step_s is None and state.motion.acc_s is None:
+        moving = estimate(window, model, time_s, kinematic=True, params=lateration)
+        if isinstance(moving, Estimate) and moving.velocity_chi2 is not None:
+            motion = with_velocity(state.motion, time_s, moving.velocity_chi2)
+            state = replace(state, motion=motion)
+    walking = decided(state.motion, time_s, params.motion_mode).mode is MotionMode.WALKING
+    return estimate(window, model, time_s, kinematic=walking, params=lateration), state
 
 
 def _match(
