@@ -44,9 +44,7 @@ def test_a_step_moves_and_widens_as_its_jacobian_says():
 
     mean = mixture.mean[0]
     assert np.allclose(moved.mean[0], step(mean))
-    jacobian = np.column_stack(
-        [(step(mean + h) - step(mean - h)) / 2e-6 for h in 1e-6 * np.eye(4)]
-    )
+    jacobian = np.column_stack([(step(mean + h) - step(mean - h)) / 2e-6 for h in 1e-6 * np.eye(4)])
     grown = jacobian @ mixture.covariance[0] @ jacobian.T
     added = moved.covariance[0] - grown
     assert np.allclose(added, added.T, atol=1e-9)
