@@ -14,6 +14,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from app.core.engine import advance, finish, start
+from app.core.lateration.centroid import CentroidParams, weighted_centroid
 from app.core.lateration.windowed import Estimate, estimate
 from app.core.params import LaterationParams, Params
 from app.core.radio.path_loss import expected_levels, level_model
@@ -50,6 +51,10 @@ def lateration(*, kinematic: bool, params: LaterationParams | None = None) -> Es
     return locate
 
 
+def centroid(anchors: tuple[Anchor, ...], heard: Heard) -> Fix | NoFix:
+    return weighted_centroid(window_of(*heard), level_model(anchors), NOW_S, CentroidParams())
+
+
 def fused(anchors: tuple[Anchor, ...], heard: Heard) -> Fix | NoFix:
     """The whole engine, fed with one advertisement scan per epoch."""
     floor = Floor("f", "Ground", "b", 0, 0.0, 0.0, 14.0, 11.0)
@@ -68,6 +73,7 @@ def fused(anchors: tuple[Anchor, ...], heard: Heard) -> Fix | NoFix:
 
 
 ESTIMATORS: dict[str, Estimator] = {
+    "weighted centroid": centroid,
     "fused": fused,
     "static": lateration(kinematic=False),
     "kinematic": lateration(kinematic=True),

@@ -302,3 +302,18 @@ def test_height_of_anchors_is_part_of_the_distance():
     found, wrong = solve(window, right).fix, solve(window, flat).fix
     assert np.hypot(found.x_m - 0.9, found.y_m - 0.6) < 0.2
     assert np.hypot(wrong.x_m - 0.9, wrong.y_m - 0.6) > 0.4
+
+
+def test_told_where_phones_can_be_it_looks_nowhere_else() -> None:
+    # Heard equally weakly, and only in a corner of the hall.
+    window = window_of(np.array([0, 1, 2]), np.zeros(3), np.array([-75.0, -75.0, -75.0]))
+    corner_m = np.array([(1.0, 1.0), (2.0, 2.0)])
+    params = LaterationParams(search_margin_m=1.0)
+    fixes = [
+        estimate(window, corners(), 0.0, kinematic=False, params=params, area_m=area_m)
+        for area_m in (None, corner_m)
+    ]
+    free, told = (found.fix for found in fixes if isinstance(found, Estimate))
+    assert free.x_m > 4.0
+    assert 0.0 <= told.x_m <= 3.0
+    assert 0.0 <= told.y_m <= 3.0
