@@ -3,6 +3,7 @@
 import typer
 
 from app.cli.evaluate_ms2020 import evaluate_ms2020
+from app.cli.evaluate_report import write_report
 from app.cli.evaluate_tables import (
     evaluate_kolakowski,
     evaluate_oxford_steps,
@@ -11,6 +12,7 @@ from app.cli.evaluate_tables import (
 )
 
 evaluating = typer.Typer(no_args_is_help=True, help="Measure accuracy on public data sets.")
+evaluating.command("report")(write_report)
 evaluating.command("ms2020")(evaluate_ms2020)
 evaluating.command("uji-ble")(evaluate_uji_ble)
 evaluating.command("kolakowski")(evaluate_kolakowski)

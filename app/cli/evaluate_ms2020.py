@@ -53,11 +53,13 @@ def evaluate_ms2020(
             transient=True,
         )
     )
-    share = "" if map_share == 1.0 else f"; map of {map_share:g} of each floor's walks"
+    names = ",".join(floor.name for floor in building.floors)
+    share = "" if map_share == 1.0 else f" --map-share {map_share:g}"
     give(
         Evaluation(
-            dataset=f"ms2020 {building.name} " + ",".join(f.name for f in building.floors),
-            protocol=ms2020.PROTOCOL + share,
+            dataset=f"ms2020 {building.name} {names}{share}",
+            command=f"pharos evaluate ms2020 DIR --floors {names} --profile {profile}{share}",
+            protocol=ms2020.PROTOCOL,
             profiles={name: ms2020.figures_of(scored, name) for name in profiles},
         ),
         json_file,

@@ -1,9 +1,8 @@
 """What every evaluation gives: a table, and one JSON object if asked for."""
 
-from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import msgspec
 import typer
@@ -12,6 +11,7 @@ from rich.table import Table
 
 from app.cli.errors import CommandError
 from app.services.evaluation.figures import Evaluation
+from app.services.evaluation.report import flat
 
 JsonOption = Annotated[
     Path | None, typer.Option("--json", metavar="FILE", help="Write the figures; - for stdout.")
@@ -35,7 +35,7 @@ def give(evaluation: Evaluation, json_file: Path | None) -> None:
 
 def figures_table(evaluation: Evaluation) -> Table:
     """Return a table with a row per figure and a column per profile or method."""
-    columns = [dict(_flat(figures)) for figures in evaluation.profiles.values()]
+    columns = [dict(flat(figures)) for figures in evaluation.profiles.values()]
     table = Table(title=evaluation.dataset, caption=evaluation.protocol)
     table.add_column("", no_wrap=True)
     for name in evaluation.profiles:
@@ -43,13 +43,3 @@ def figures_table(evaluation: Evaluation) -> Table:
     for row in dict.fromkeys(name for column in columns for name in column):
         table.add_row(row, *(column.get(row, "") for column in columns))
     return table
-
-
-def _flat(figures: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
-    for name, value in figures.items():
-        if isinstance(value, Mapping):
-            yield from _flat(value, f"{prefix}{name}.")
-        elif isinstance(value, tuple | list):
-            yield f"{prefix}{name}", " ".join(f"{each:.2f}" for each in value)
-        else:
-            yield f"{prefix}{name}", f"{value}" if isinstance(value, int) else f"{value:.4g}"

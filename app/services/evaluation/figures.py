@@ -13,9 +13,13 @@ Figures: TypeAlias = Mapping[str, Any]
 
 @dataclass(frozen=True, slots=True)
 class Evaluation:
-    """What one data set says: figures by profile, or by method where no profile is at work."""
+    """What one data set says: figures by profile, or by method where no profile is at work.
+
+    ``command`` prints the same again.
+    """
 
     dataset: str
+    command: str
     protocol: str
     profiles: Mapping[str, Figures]
 

@@ -44,7 +44,7 @@ def evaluate(
         "best_path_loss": _engine_figures(asked, _site(asked, known, None)),
         "best_radio_map": _engine_figures(asked, _site(asked, anchors, radio_map)),
     }
-    return Evaluation("kolakowski", PROTOCOL, profiles)
+    return Evaluation("kolakowski", "pharos evaluate kolakowski DIR", PROTOCOL, profiles)
 
 
 def _figures(asked: RobotRecording, locate: Callable[[int], Place | None]) -> Figures:

@@ -29,7 +29,9 @@ def evaluate(recordings: Iterable[StepRecording]) -> Evaluation:
         "worst_count_error_share": float(shares.max()),
         "count_error_share_by_place": errors,
     }
-    return Evaluation("oxford-steps", PROTOCOL, {"steps": figures})
+    return Evaluation(
+        "oxford-steps", "pharos evaluate oxford-steps DIR", PROTOCOL, {"steps": figures}
+    )
 
 
 def count_steps(recording: StepRecording, params: StepParams) -> int:

@@ -52,6 +52,7 @@ def evaluate(anchors: Sequence[Anchor], scans: Sequence[PointScan], zone: str) -
     total = sum(len(asked) for _, asked in _splits(scans, zone))
     return Evaluation(
         dataset=f"uji-ble {zone}",
+        command=f"pharos evaluate uji-ble DIR --zone {zone}",
         protocol=PROTOCOL,
         profiles={name: _figures(found, few / total) for name, found in errors.items()},
     )

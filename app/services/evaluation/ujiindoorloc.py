@@ -44,7 +44,9 @@ def evaluate(training: Sequence[LabelledScan], validation: Sequence[LabelledScan
         "no_fix_share": 1.0 - len(errors_m) / len(validation),
         "median_query_ms": 1000.0 * float(np.median(times_s)),
     }
-    return Evaluation("ujiindoorloc", PROTOCOL, {"fingerprint": figures})
+    return Evaluation(
+        "ujiindoorloc", "pharos evaluate ujiindoorloc DIR", PROTOCOL, {"fingerprint": figures}
+    )
 
 
 def _radio_map(floors: Sequence[str], training: Sequence[LabelledScan]) -> RadioMap:

@@ -1,0 +1,96 @@
+"""The page docs/accuracy.md, made of the figures that `pharos evaluate` wrote."""
+
+import textwrap
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
+
+from app.services.evaluation.figures import Evaluation
+
+HEAD = """# Accuracy
+
+What was measured, on which data, by which command. This page is made of the commands' own figures
+by `pharos evaluate report`; it is not edited by hand. `DIR` is the folder of the data set.
+
+An error is the distance on the plane between an answer and the truth, and says nothing of floors.
+A mean is over all seconds or scans, not over walks. None of these figures is a promise for another
+building: what it would be there depends on its radio map, beacons and phones.
+"""
+
+ABOUT = {
+    "ms2020": """Real walks through a shopping mall with one model of phone, Wi-Fi, some beacons and
+inertial sensors. The engine is told neither floor, start nor heading, and the traces it is asked
+are not in its map. The figures are of one building and one phone; parameters were chosen on its
+other traces (their error is `tuning_mean_error_m`), so another building may be worse.
+`floor_accuracy_per_scan` takes each Wi-Fi scan alone. `coverage95` is the share of the truth inside
+`radius95_m`, over seconds with a fix of their own, and `by_decile` the same from the smallest tenth
+of the radii to the largest. `smoothed` are the tracks as they are stored once a session is over; a
+live page does not see them. With `--map-share` the map has only that share of each floor's
+surveyed walks.""",
+    "uji-ble": """Single scans, and all scans of a point together, among beacons at known places,
+one phone, held still: no motion, no filter. The beacons are calibrated in the same room with the
+same phone; a phone that was never calibrated is `lateration_10_db_off`. Scans that hear fewer than
+three beacons are not asked; how many those are is in the table. How much lateration and centroid
+trust outliers, the search box and far beacons was chosen with these scans at hand.""",
+    "kolakowski": """A slow robot in a flat of 9 by 7 m with six receivers and walls on all sides;
+roles are reversed, the robot transmits. `lateration` and `fingerprint` see two seconds;
+`best_path_loss` and `best_radio_map` are the engine without any inertial sensor, and `smoothed` its
+stored track.""",
+    "ujiindoorloc": """Single Wi-Fi scans by many phones in three buildings, months after the
+survey: matching alone, no motion, no filter. The matcher runs with the parameters of the profile
+`best`; nothing was fitted here. `median_query_ms` is CPU time on the machine that made this
+page.""",
+    "oxford-steps": """Six walks of one person, who carries the phone in six ways, some 340 steps
+each. Steps are counted, not measured: this says nothing of step length or heading. The low-pass of
+the detector was chosen with these recordings at hand.""",
+}
+
+
+def report_page(evaluations: Iterable[Evaluation]) -> str:
+    """Return the page: a section per evaluation, with its command, protocol and figures."""
+    sections, explained = [HEAD], set[str]()
+    for evaluation in evaluations:
+        name = evaluation.dataset.split()[0]
+        sections.append(_section(evaluation, explain=name not in explained))
+        explained.add(name)
+    return "\n".join(sections)
+
+
+def _section(evaluation: Evaluation, *, explain: bool) -> str:
+    table = "\n".join(_table(evaluation.profiles))
+    if not explain:
+        return f"## {evaluation.dataset}\n\n`{evaluation.command}`\n\n{table}\n"
+    about = ABOUT[evaluation.dataset.split()[0]]
+    protocol = textwrap.fill(f"Protocol: {evaluation.protocol}.", 100)
+    return (
+        f"## {evaluation.dataset}\n\n`{evaluation.command}`\n\n{about}\n\n{protocol}\n\n{table}\n"
+    )
+
+
+def _table(profiles: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
+    columns = {name: dict(flat(figures)) for name, figures in profiles.items()}
+    yield "| | " + " | ".join(f"`{name}`" for name in columns) + " |"
+    yield "|---|" + "---|" * len(columns)
+    for row in dict.fromkeys(name for column in columns.values() for name in column):
+        cells = " | ".join(column.get(row, "") for column in columns.values())
+        yield f"| `{row}` | {cells} |"
+
+
+def flat(figures: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
+    """Yield each figure's name, dotted where it is of a group, and how it is written."""
+    for name, value in figures.items():
+        if isinstance(value, Mapping):
+            yield from flat(value, f"{prefix}{name}.")
+        elif isinstance(value, tuple | list):
+            yield f"{prefix}{name}", " ".join(f"{each:.2f}" for each in value)
+        else:
+            yield f"{prefix}{name}", _written(prefix + name, value)
+
+
+def _written(name: str, value: float | None) -> str:
+    if value is None:
+        return ""
+    if isinstance(value, int):
+        return f"{value}"
+    if any(word in name for word in ("share", "accuracy", "coverage")):
+        return f"{100.0 * value:.1f} %"
+    return f"{value:.2f}" if abs(value) < 100.0 else f"{value:.0f}"
