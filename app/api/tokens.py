@@ -26,6 +26,9 @@ from app.storage.tokens import StoredToken
 
 router = registry_router("/v1/tokens", "access")
 
+# A hundred years: far beyond every use, and long before the times that cannot be written in UTC.
+_LONGEST_S = 100 * 365.25 * 86_400.0
+
 
 class NewToken(StrictModel):
     """A token to make; the role `device`, and only it, needs `device_id` or `device_prefix`."""
@@ -84,8 +87,9 @@ async def create_token(
     _check_scope(principal, body.site_id)
     now_s = context.clock.now_s()
     expires_s = None if body.expires is None else body.expires.timestamp()
-    if expires_s is not None and expires_s <= now_s:
-        raise invalid_field(pointer="#/expires", detail="it would have expired already")
+    if expires_s is not None and not now_s < expires_s <= now_s + _LONGEST_S:
+        detail = "it would have expired already, or is more than a hundred years ahead"
+        raise invalid_field(pointer="#/expires", detail=detail)
     grant = TokenGrant(
         body.name, body.role, body.site_id, body.device_id, body.device_prefix, expires_s
     )

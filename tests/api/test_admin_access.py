@@ -186,6 +186,7 @@ async def test_grants_that_make_no_sense_are_refused(server: ApiServer) -> None:
         {"role": "king"},
         {"role": "viewer", "expires": "2026-12-01T00:00:00"},
         {"role": "viewer", "expires": "2020-01-01T00:00:00Z"},
+        {"role": "viewer", "expires": "9999-12-31T23:59:59-12:00"},
         {"role": "viewer", "site": "lab"},
     ]
     async with server.client() as admin:
