@@ -43,7 +43,7 @@ def evaluate_ms2020(
     tasks = ms2020.tasks_of(building, profiles)
     console = Console(stderr=True)
     sites = ms2020.sites_of(building, _walks(building, console), map_share)
-    walking = ms2020.score_walks(tasks, sites)
+    walking = ms2020.score_traces(tasks, sites)
     scored = list(
         track(
             zip(tasks, walking, strict=True),
@@ -70,7 +70,7 @@ def evaluate_ms2020(
 
 def _drawing_into(
     plot: Path,
-) -> Callable[[BuildingFolder, Sequence[tuple[ms2020.Task, ms2020.ScoredWalk]]], None]:
+) -> Callable[[BuildingFolder, Sequence[tuple[ms2020.Task, ms2020.ScoredTrace]]], None]:
     try:
         from app.cli.evaluate_plots import plot_walks  # noqa: PLC0415 - it needs an extra
     except ModuleNotFoundError as error:

@@ -14,25 +14,25 @@ from matplotlib.image import imread
 
 from app.cli.errors import CommandError
 from app.formats.ms2020_site import BuildingFolder, FloorFolder
-from app.services.evaluation.ms2020 import TEST, ScoredWalk, Task
+from app.services.evaluation.ms2020 import TEST, ScoredTrace, Task
 
 MARGIN_M = 20.0
 """Plan shown around a trace."""
 
 
 def plot_walks(
-    folder: Path, building: BuildingFolder, scored: Sequence[tuple[Task, ScoredWalk]]
+    folder: Path, building: BuildingFolder, scored: Sequence[tuple[Task, ScoredTrace]]
 ) -> None:
     """Write ``error_cdf.png``, and ``<profile>/<trace>.png`` per test trace, into a folder."""
-    tested = [(task, walk) for task, walk in scored if task.split == TEST]
+    tested = [(task, trace) for task, trace in scored if task.split == TEST]
     floors = {floor.name: floor for floor in building.floors}
     try:
         folder.mkdir(parents=True, exist_ok=True)
         _save(_error_curves(tested), folder / "error_cdf.png")
-        for task, walk in tested:
+        for task, trace in tested:
             (folder / task.profile).mkdir(exist_ok=True)
-            drawn = _trace_on_plan(walk, floors[task.path.parent.name])
-            _save(drawn, folder / task.profile / f"{walk.trace_id}.png")
+            drawn = _trace_on_plan(trace, floors[task.path.parent.name])
+            _save(drawn, folder / task.profile / f"{trace.trace_id}.png")
     except OSError as error:
         msg = f"the pictures cannot be written: {error}"
         raise CommandError(msg) from error
@@ -47,10 +47,10 @@ def _save(figure: Figure, path: Path) -> None:
     figure.savefig(path, dpi=100)
 
 
-def _error_curves(tested: Sequence[tuple[Task, ScoredWalk]]) -> Figure:
+def _error_curves(tested: Sequence[tuple[Task, ScoredTrace]]) -> Figure:
     figure, axes = _figure()
     for profile in dict.fromkeys(task.profile for task, _ in tested):
-        of_profile = (walk for task, walk in tested if task.profile == profile)
+        of_profile = (trace.walk for task, trace in tested if task.profile == profile)
         errors_m = [s.error_m for walk in of_profile for s in walk.seconds if s.error_m is not None]
         axes.ecdf(errors_m, label=profile)
     axes.set(xlabel="error (m)", ylabel="share of seconds", xlim=(0.0, None))
@@ -59,13 +59,13 @@ def _error_curves(tested: Sequence[tuple[Task, ScoredWalk]]) -> Figure:
     return figure
 
 
-def _trace_on_plan(walk: ScoredWalk, floor: FloorFolder) -> Figure:
+def _trace_on_plan(trace: ScoredTrace, floor: FloorFolder) -> Figure:
     figure, axes = _figure()
     left, low = floor.x0_m, floor.y0_m
     extent = (left, left + floor.width_m, low, low + floor.height_m)
     axes.imshow(imread(io.BytesIO(floor.plan_png)), extent=extent)
-    truth = np.array([(s.truth.x_m, s.truth.y_m) for s in walk.seconds]).reshape(-1, 2)
-    told = [s.answer for s in walk.seconds if s.answer is not None]
+    truth = np.array([(s.truth.x_m, s.truth.y_m) for s in trace.walk.seconds]).reshape(-1, 2)
+    told = [s.answer for s in trace.walk.seconds if s.answer is not None]
     answers = np.array([(a.x_m, a.y_m) for a in told]).reshape(-1, 2)
     axes.plot(*truth.T, "-", color="tab:green", label="truth")
     axes.plot(*answers.T, ".-", color="tab:red", label="answers, once a second")
@@ -73,6 +73,6 @@ def _trace_on_plan(walk: ScoredWalk, floor: FloorFolder) -> Figure:
     if len(around):
         (x0, y0), (x1, y1) = around.min(axis=0) - MARGIN_M, around.max(axis=0) + MARGIN_M
         axes.set(xlim=(x0, x1), ylim=(y0, y1))
-    axes.set(title=f"{walk.trace_id} on {floor.name}", xlabel="x (m)", ylabel="y (m)")
+    axes.set(title=f"{trace.trace_id} on {floor.name}", xlabel="x (m)", ylabel="y (m)")
     axes.legend()
     return figure

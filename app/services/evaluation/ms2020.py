@@ -1,25 +1,16 @@
-"""Real walks: the engine on held-out traces of a building of the Indoor Location Competition 2.0.
-
-The engine is fed through ``advance`` with what phones would post, second by second, and asked at
-the end of each: the same answers as `pharos replay` gets over HTTP.
-"""
+"""Real walks: the engine on held-out traces of a building of the Indoor Location Competition."""
 
 import hashlib
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from time import process_time
 from typing import NamedTuple
 
-import numpy as np
-
-from app.core.engine import SessionState, advance, finish, smoothed, start
-from app.core.evaluate import Answer, Place, ScoredSecond, hold_last, recorded_seconds, score
+from app.core.evaluate import Place
 from app.core.fingerprint.radio_map import RadioMap
 from app.core.georeference import fit_georeference
 from app.core.params import Params
 from app.core.site import Floor, SiteModel
-from app.core.types import Observation, Output, TrackPoint, WifiScan
 from app.formats.floor_map import parse_floor_map
 from app.formats.ms2020 import Trace, fold_of, read_trace, trace_id_of, truth_at
 from app.formats.ms2020_site import BuildingFolder, FloorFolder
@@ -28,6 +19,7 @@ from app.services.building_import import floor_id_of, radio_map_of, site_id_of
 from app.services.errors import AppError, ErrorCode
 from app.services.evaluation.figures import Figures
 from app.services.evaluation.parallel import on_all_cores
+from app.services.evaluation.walks import FollowedWalk, follow, walk_figures
 from app.services.site import PROFILES
 
 PROTOCOL = (
@@ -60,21 +52,11 @@ class Task(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class ScoredWalk:
-    """One trace as the engine answered it.
-
-    ``smoothed`` are the same seconds of the track that is stored when all is known;
-    ``scans_right`` of ``scans`` are on the right floor when each Wi-Fi scan is taken alone.
-    """
+class ScoredTrace:
+    """One trace, followed."""
 
     trace_id: str
-    floor_id: str
-    seconds: tuple[ScoredSecond, ...]
-    smoothed: tuple[ScoredSecond, ...]
-    scans: int
-    scans_right: int
-    observations: int
-    cpu_s: float
+    walk: FollowedWalk
 
 
 def read_walks(building: BuildingFolder) -> Iterator[SurveyWalk | str]:
@@ -163,8 +145,8 @@ def _floor(building: BuildingFolder, site_id: str, folder: FloorFolder) -> Floor
     )
 
 
-def score_walks(tasks: Sequence[Task], sites: dict[Split, SiteModel]) -> Iterator[ScoredWalk]:
-    """Walk through every task, on all cores, in order."""
+def score_traces(tasks: Sequence[Task], sites: dict[Split, SiteModel]) -> Iterator[ScoredTrace]:
+    """Follow the trace of every task, on all cores, in order."""
     return on_all_cores(_score_task, tasks, _begin, (sites, tasks[0]))
 
 
@@ -177,98 +159,33 @@ def _begin(sites: dict[Split, SiteModel], first: Task) -> None:
     _score_task(first)
 
 
-def _score_task(task: Task) -> ScoredWalk:
-    return score_walk(read_trace(task.path), _sites[task.split], PROFILES[task.profile])
+def _score_task(task: Task) -> ScoredTrace:
+    return score_trace(read_trace(task.path), _sites[task.split], PROFILES[task.profile])
 
 
-def score_walk(trace: Trace, site: SiteModel, params: Params) -> ScoredWalk:
-    """Fold a trace and ask at every whole second, as phones are answered."""
+def score_trace(trace: Trace, site: SiteModel, params: Params) -> ScoredTrace:
+    """Follow one trace."""
     (floor,) = (floor for floor in site.floors if floor.name == trace.floor_name)
-    state, cpu_s = start(), 0.0
-    truth: list[tuple[float, Place]] = []
-    answers: list[Answer | None] = []
-    scans: list[str] = []
-    for second in recorded_seconds(trace.observations):
-        scans += _floors_of_scans(state, second.observations, site, params)
-        before_s = process_time()
-        state, answer = _answered(state, second.observations, site, params)
-        cpu_s += process_time() - before_s
-        xy_m = truth_at(trace.waypoints, second.end_s)
-        if xy_m is not None and second.is_scored:
-            place = Place(floor.floor_id, xy_m[0] + floor.x0_m, xy_m[1] + floor.y0_m)
-            truth.append((second.end_s, place))
-            answers.append(answer)
-    track = {point.time_s: point for point in smoothed(trace.observations, site, params)}
-    stored = [_answer(track.get(time_s)) for time_s, _ in truth]
-    return ScoredWalk(
-        trace_id=trace.trace_id,
-        floor_id=floor.floor_id,
-        seconds=tuple(hold_last(truth, answers)),
-        smoothed=tuple(hold_last(truth, stored)),
-        scans=len(scans),
-        scans_right=scans.count(floor.floor_id),
-        observations=len(trace.observations),
-        cpu_s=cpu_s,
-    )
+
+    def place_at(time_s: float) -> Place | None:
+        xy_m = truth_at(trace.waypoints, time_s)
+        if xy_m is None:
+            return None
+        return Place(floor.floor_id, xy_m[0] + floor.x0_m, xy_m[1] + floor.y0_m)
+
+    return ScoredTrace(trace.trace_id, follow(trace.observations, place_at, site, params))
 
 
-def _answered(
-    state: SessionState, observations: Sequence[Observation], site: SiteModel, params: Params
-) -> tuple[SessionState, Answer | None]:
-    """Return what a batch is answered; nobody asks in a second without one."""
-    for observation in observations:
-        state, _ = advance(state, observation, site, params)
-    return state, _answer(finish(state, site, params)[-1] if observations else None)
-
-
-def _answer(output: Output | None) -> Answer | None:
-    if not isinstance(output, TrackPoint):
-        return None
-    return Answer(output.floor_id, output.x_m, output.y_m, output.radius95_m)
-
-
-def _floors_of_scans(
-    state: SessionState, observations: Iterable[Observation], site: SiteModel, params: Params
-) -> Iterator[str]:
-    """Yield the floor that each Wi-Fi scan tells by itself, with the beacons heard before."""
-    for observation in observations:
-        if isinstance(observation, WifiScan):
-            alone, _ = advance(replace(start(), heard=state.heard), observation, site, params)
-            if alone.floor_belief is not None:
-                yield site.floors[int(np.argmax(alone.floor_belief))].floor_id
-
-
-def figures_of(walks: Sequence[tuple[Task, ScoredWalk]], profile: str) -> Figures:
+def figures_of(scored: Sequence[tuple[Task, ScoredTrace]], profile: str) -> Figures:
     """Return the figures of one profile: its test traces, and the mean error of the tuning ones."""
-    of_profile = [(task, walk) for task, walk in walks if task.profile == profile]
-    tested = [walk for task, walk in of_profile if task.split == TEST]
-    tuned = [walk for task, walk in of_profile if task.split == TUNING]
-    scored = score(second for walk in tested for second in walk.seconds)
-    stored = score(second for walk in tested for second in walk.smoothed)
+    tested, tuned = (
+        [trace.walk for task, trace in scored if (task.profile, task.split) == (profile, split)]
+        for split in (TEST, TUNING)
+    )
+    figures = walk_figures(tested)
     return {
         "traces": len(tested),
-        "samples": scored.samples,
-        "tuning_mean_error_m": score(s for walk in tuned for s in walk.seconds).mean_error_m,
-        "mean_error_m": scored.mean_error_m,
-        "median_error_m": scored.median_error_m,
-        "p75_error_m": scored.p75_error_m,
-        "p95_error_m": scored.p95_error_m,
-        "floor_accuracy": scored.floor_right_share,
-        "floor_accuracy_per_scan": _share(tested, lambda w: w.scans_right, lambda w: w.scans),
-        "coverage95": scored.coverage95_share,
-        "mean_radius95_m": scored.mean_radius95_m,
-        "coverage95_by_decile": scored.coverage95_share_by_decile,
-        "no_fix_share": scored.no_fix_share,
-        "cpu_us_per_observation": 1e6 * _share(tested, lambda w: w.cpu_s, lambda w: w.observations),
-        "smoothed": {"mean_error_m": stored.mean_error_m, "p95_error_m": stored.p95_error_m},
+        "samples": figures["samples"],
+        "tuning_mean_error_m": walk_figures(tuned)["mean_error_m"],
+        **figures,
     }
-
-
-def _share(
-    walks: Iterable[ScoredWalk],
-    part: Callable[[ScoredWalk], float],
-    whole: Callable[[ScoredWalk], float],
-) -> float:
-    pairs = np.array([(part(walk), whole(walk)) for walk in walks], dtype=np.float64)
-    parts, wholes = pairs.reshape(-1, 2).sum(axis=0)
-    return float(parts / wholes) if wholes else float("nan")
