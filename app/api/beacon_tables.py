@@ -1,6 +1,5 @@
 """``/v1/beacons/import`` and ``/export``: the registry as a table, CSV or JSON."""
 
-import json
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any
 
@@ -12,7 +11,7 @@ from app.api.auth import check_site
 from app.api.beacons import NewBeacon, beacon_view, stored_beacon
 from app.api.negotiation import best_type
 from app.api.resource import Admin, Context, Reader, registry_router
-from app.api.uploads import media_type_of, read_bounded
+from app.api.uploads import json_of, media_type_of, read_bounded
 from app.formats.beacons_csv import (
     MAX_ROWS,
     BeaconRow,
@@ -117,15 +116,15 @@ async def _rows(request: Request) -> list[BeaconRow]:
         raise AppError(ErrorCode.MEDIA_TYPE_UNSUPPORTED, detail)
     body = await read_bounded(request, MAX_TABLE_BYTES)
     try:
-        text = body.decode("utf-8")
-        return list(read_beacons_csv(text)) if media_type == "text/csv" else _json_rows(text)
-    except (UnicodeDecodeError, json.JSONDecodeError, RecursionError, BeaconTableError) as error:
+        if media_type == "application/json":
+            return _json_rows(json_of(body))
+        return list(read_beacons_csv(body.decode("utf-8")))
+    except (UnicodeDecodeError, BeaconTableError) as error:
         detail = f"the body is not a table of beacons: {error}"
         raise AppError(ErrorCode.MALFORMED_BODY, detail) from error
 
 
-def _json_rows(text: str) -> list[BeaconRow]:
-    document = json.loads(text)
+def _json_rows(document: object) -> list[BeaconRow]:
     items = document.get("items") if isinstance(document, dict) else document
     if not isinstance(items, list) or len(items) > MAX_ROWS:
         msg = f"not a list of at most {MAX_ROWS} beacons"

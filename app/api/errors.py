@@ -120,6 +120,8 @@ def field_errors(errors: Sequence[Any]) -> tuple[FieldError, ...]:
 def _pointer(loc: Sequence[str | int]) -> str:
     where, *rest = loc
     path = "".join(f"/{str(part).replace('~', '~0').replace('/', '~1')}" for part in rest)
+    # An unknown field's name may hold half a surrogate pair, which no reply can.
+    path = path.encode(errors="replace").decode()
     return f"#{path}" if where == "body" else f"{where}:{path.lstrip('/')}"
 
 

@@ -11,6 +11,9 @@ JSON = {"Content-Type": "application/json"}
 MERGE = {"Content-Type": "application/merge-patch+json"}
 
 
+EMPTY_MAP = b'{"type":"FeatureCollection","features":[]}'
+
+
 def map_with(coordinates: str) -> bytes:
     geometry = f'{{"type":"Polygon","coordinates":[[{coordinates},[1,1],[2,2],{coordinates}]]}}'
     return (
@@ -31,6 +34,10 @@ BODIES = [
     ("POST", "/v1/sites", JSON, b'{"name":"x","retention_days":1e999}', 422),
     ("POST", "/v1/sites", JSON, b'{"name":"a\\u0000b"}', 422),
     ("POST", "/v1/sites", JSON, b'{"name":"\\ud800"}', 422),
+    ("POST", "/v1/sites", JSON, b'{"name":"x","\\ud800":1}', 422),
+    ("POST", "/v1/beacons/import?site_id=lab", JSON, b'[{"beacon_id":"\\ud800"}]', 400),
+    ("POST", "/v1/beacons/import?site_id=lab", JSON, b'[{"beacon_id":"b","x":NaN}]', 400),
+    ("POST", "/v1/beacons/import?site_id=lab", JSON, b"[" * 100_000, 400),
     ("PATCH", "/v1/sites/lab", MERGE, b"[" * 100_000, 400),
     ("PATCH", "/v1/sites/lab", MERGE, b'{"retention_days":NaN}', 400),
     ("PATCH", "/v1/sites/lab", MERGE, b"[]", 400),
@@ -38,6 +45,7 @@ BODIES = [
     ("PATCH", "/v1/sites/lab", MERGE, b'{"site_id":"other"}', 422),
     ("PUT", "/v1/floors/lab-0/map", JSON, b"[" * 100_000, 400),
     ("PUT", "/v1/floors/lab-0/map", JSON, b"[]", 400),
+    ("PUT", "/v1/floors/lab-0/map", JSON, EMPTY_MAP.replace(b"}", b',"x":"\\ud800"}'), 400),
     ("PUT", "/v1/floors/lab-0/map", MERGE | {"Content-Type": "text/plain"}, b"{}", 415),
     ("PUT", "/v1/floors/lab-0/map", JSON, map_with("[NaN,0]"), 400),
     ("PUT", "/v1/floors/lab-0/map", JSON, map_with("[1e308,0]"), 422),
