@@ -9,10 +9,15 @@ from typing import Any
 import pytest
 from same_track import WAYS, reference_track, track_posted
 from server_process import ServerProcess
+from sqlalchemy import create_engine
 from typer.testing import CliRunner
 
 from app.cli.main import cli
+from app.core.params import Params
 from app.formats.ms2020 import fold_of, read_trace, trace_id_of, trace_paths
+from app.services.evaluation.ms2020 import score_trace
+from app.services.evaluation.walks import walk_figures
+from app.services.site import load_site_model
 
 pytestmark = [pytest.mark.shared_data, pytest.mark.timeout(240)]
 
@@ -77,6 +82,17 @@ def test_walks_replayed_over_http_are_where_they_should_be(mall: Mall) -> None:
     assert pooled["p95_error_m"] < P95_ERROR_M
     assert pooled["floor_accuracy"] >= 0.95
     assert pooled["no_fix_share"] <= 0.08
+
+
+def test_a_replay_scores_what_an_evaluation_scores(mall: Mall) -> None:
+    with create_engine(mall.server.database_url).connect() as connection:
+        site = load_site_model(connection, "mall")
+    assert site is not None
+    evaluated = [score_trace(read_trace(path), site, Params()).walk for path in mall.traces]
+    figures, pooled = walk_figures(evaluated), replayed(mall, "--json")["pooled"]
+    assert figures["samples"] == pooled["samples"]
+    assert figures["mean_error_m"] == pytest.approx(pooled["mean_error_m"], abs=1e-3)
+    assert figures["no_fix_share"] == pytest.approx(pooled["no_fix_share"])
 
 
 def test_a_second_replay_is_a_new_session_with_the_same_answers(mall: Mall) -> None:
