@@ -1,6 +1,7 @@
 """``pharos evaluate`` for data sets that are a few tables."""
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Annotated, TypeAlias, TypeVar
 
@@ -34,7 +35,7 @@ def evaluate_kolakowski(folder: Folder, json_file: JsonOption = None) -> None:
     """Follow a robot through a flat with six known receivers."""
     anchors = _read(lambda: kolakowski_files.read_anchors(folder))
     surveyed, asked = (
-        _read(lambda name=name: kolakowski_files.read_recording(folder / name, anchors))
+        _read(partial(kolakowski_files.read_recording, folder / name, anchors))
         for name in (kolakowski_files.CALIBRATION, kolakowski_files.ROBOT)
     )
     give(kolakowski.evaluate(anchors, surveyed, asked), json_file)
