@@ -42,7 +42,8 @@ def evaluate_ms2020(
     building = _building(folder, floors)
     tasks = ms2020.tasks_of(building, profiles)
     console = Console(stderr=True)
-    sites = ms2020.sites_of(building, _walks(building, console), map_share)
+    splits = {task.split for task in tasks}
+    sites = ms2020.sites_of(building, _walks(building, console), splits, map_share)
     walking = ms2020.score_traces(tasks, sites)
     scored = list(
         track(

@@ -72,28 +72,32 @@ def map_paths(building: BuildingFolder) -> list[Path]:
 
 
 def tasks_of(building: BuildingFolder, profiles: Iterable[str]) -> list[Task]:
-    """Return what there is to be walked through, the asked traces of every split."""
+    """Return what there is to be walked through: the asked traces of every split with a map."""
     paths = [path for floor in building.floors for path in floor.traces]
+    folds = [fold_of(trace_id_of(path)) for path in paths]
     tasks = [
         Task(path, split, profile)
         for profile in profiles
         for split in SPLITS
-        for path in paths
-        if fold_of(trace_id_of(path)) == split.asked
+        for path, fold in zip(paths, folds, strict=True)
+        if fold == split.asked and not split.mapped.isdisjoint(folds)
     ]
     if not any(task.split == TEST for task in tasks):
-        detail = "there is no trace of fold 0 in it: nothing to test with"
+        detail = "it lacks traces of fold 0 to test with, or any of folds 1 to 3 for the map"
         raise AppError(ErrorCode.INVALID_FIELD, detail)
     return tasks
 
 
 def sites_of(
-    building: BuildingFolder, walks: Sequence[SurveyWalk], map_share: float
+    building: BuildingFolder,
+    walks: Sequence[SurveyWalk],
+    splits: Iterable[Split],
+    map_share: float,
 ) -> dict[Split, SiteModel]:
     """Return the site as each split knows it, its map made as the import makes it."""
     site_id = site_id_of(building.name)
     sites: dict[Split, SiteModel] = {}
-    for split in SPLITS:
+    for split in splits:
         chosen = [walk for walk in walks if fold_of(walk.trace_id) in split.mapped]
         chosen = smallest_md5_share(chosen, map_share)
         sites[split] = site_of(building, radio_map_of(building, site_id, chosen))
