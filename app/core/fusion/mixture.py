@@ -15,6 +15,7 @@ import numpy as np
 from numba import njit
 
 from app.core.fusion.sighting import Noise
+from app.core.fusion.stride import take_stride
 from app.core.params import FusionParams
 from app.core.types import FloatArray, IntArray
 
@@ -70,7 +71,7 @@ def begin(places: FloatArray, weight: FloatArray, noise_m2: Noise, params: Fusio
 def walk(mixture: Mixture, length_m: float, heading_rad: float, params: FusionParams) -> Mixture:
     """Return the mixture after one step; a heading of nan spreads it in all directions."""
     mean, covariance = mixture.mean.copy(), mixture.covariance.copy()
-    _walk(mean, covariance, length_m, heading_rad, _step_noise(params))
+    _walk(mean, covariance, (length_m, heading_rad), _step_noise(params))
     return Mixture(mean, covariance, mixture.weight)
 
 
@@ -124,33 +125,12 @@ def _step_noise(params: FusionParams) -> tuple[float, float, float]:
 def _walk(
     mean: FloatArray,
     covariance: FloatArray,
-    length_m: float,
-    heading_rad: float,
+    stride: tuple[float, float],
     noise: tuple[float, float, float],
 ) -> None:  # pragma: no cover - compiled
-    along, cross, bias_walk = noise
+    unused = np.zeros((4, 4))
     for k in range(len(mean)):
-        m, p = mean[k], covariance[k]
-        if math.isnan(heading_rad):
-            p[0, 0] += 0.5 * length_m**2
-            p[1, 1] += 0.5 * length_m**2
-            continue
-        length = length_m * math.exp(m[3])
-        c, s = math.cos(heading_rad + m[2]), math.sin(heading_rad + m[2])
-        m[0] += length * c
-        m[1] += length * s
-        # P' = F P Fᵀ with F = I but for its upper right: rows first, then columns.
-        for j in range(4):
-            p[0, j] += -length * s * p[2, j] + length * c * p[3, j]
-            p[1, j] += length * c * p[2, j] + length * s * p[3, j]
-        for j in range(4):
-            p[j, 0] += -length * s * p[j, 2] + length * c * p[j, 3]
-            p[j, 1] += length * c * p[j, 2] + length * s * p[j, 3]
-        p[0, 0] += along * c * c + cross * s * s
-        p[1, 1] += along * s * s + cross * c * c
-        p[0, 1] += (along - cross) * c * s
-        p[1, 0] = p[0, 1]
-        p[2, 2] += bias_walk
+        take_stride(mean[k], covariance[k], unused, stride, noise)
 
 
 @njit(cache=True)

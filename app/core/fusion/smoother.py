@@ -19,6 +19,7 @@ import numpy as np
 from numba import njit
 
 from app.core.fusion.sighting import Sighting
+from app.core.fusion.stride import take_stride
 from app.core.geometry import Walkable
 from app.core.params import FusionParams, SmootherParams
 from app.core.types import FloatArray
@@ -154,7 +155,7 @@ def _smooth(
         for j in range(4):
             transition[k, j, j] = 1.0
         for i in range(int(first[k]), int(first[k + 1])):
-            _stride(m, p, transition[k], length[i], heading[i], noise)
+            take_stride(m, p, transition[k], (length[i], heading[i]), noise[:3])
         p[0, 0] += drift[k]
         p[1, 1] += drift[k]
         _sight(m, p, seen[k], noise[3], (back[k, 0], gained[k, 0], told[k, 0]))
@@ -182,38 +183,6 @@ def _keep(
         mean[i] = m[i]
         for j in range(4):
             covariance[i, j] = p[i, j]
-
-
-@njit(cache=True)
-def _stride(
-    m: FloatArray,
-    p: FloatArray,
-    transition: FloatArray,
-    length_m: float,
-    heading_rad: float,
-    noise: tuple[float, float, float, float],
-) -> None:  # pragma: no cover - compiled
-    if math.isnan(heading_rad):
-        p[0, 0] += 0.5 * length_m**2
-        p[1, 1] += 0.5 * length_m**2
-        return
-    along, cross, bias_walk, _ = noise
-    length = length_m * math.exp(m[3])
-    c, s = math.cos(heading_rad + m[2]), math.sin(heading_rad + m[2])
-    m[0] += length * c
-    m[1] += length * s
-    for matrix in (p, transition):
-        for j in range(4):
-            matrix[0, j] += -length * s * matrix[2, j] + length * c * matrix[3, j]
-            matrix[1, j] += length * c * matrix[2, j] + length * s * matrix[3, j]
-    for j in range(4):
-        p[j, 0] += -length * s * p[j, 2] + length * c * p[j, 3]
-        p[j, 1] += length * c * p[j, 2] + length * s * p[j, 3]
-    p[0, 0] += along * c * c + cross * s * s
-    p[1, 1] += along * s * s + cross * c * c
-    p[0, 1] += (along - cross) * c * s
-    p[1, 0] = p[0, 1]
-    p[2, 2] += bias_walk
 
 
 @njit(cache=True)
