@@ -52,13 +52,15 @@ class Housekeeping:
         self._purged_s = -1.0
 
     async def run(self, interval_s: float) -> None:
-        """Do a round every ``interval_s``; a database that does not answer delays it."""
+        """Do a round every ``interval_s``; one that fails is logged, and the next goes on."""
         while True:
             await asyncio.sleep(interval_s)
             try:
                 await self.round()
             except (DatabaseUnavailableError, LogUnavailableError) as error:
                 _LOG.warning("housekeeping is put off: %s", error)
+            except Exception:  # noqa: BLE001 - one bad round must not end all later ones
+                _LOG.exception("a round of housekeeping has failed; the next one goes on")
 
     async def round(self) -> None:
         """Do everything that is due."""

@@ -1,5 +1,6 @@
 """What is forgotten when: a site's own retention, and the server's where a site says nothing."""
 
+import asyncio
 from dataclasses import replace
 from functools import partial
 
@@ -77,3 +78,38 @@ async def test_each_site_keeps_scans_and_tracks_for_its_own_time(database_url: s
 
 
 _ALL = {"from_s": 0.0, "to_s": 1e10, "limit": 100}
+
+
+class FaultyClock:
+    """A clock that fails once; then it tells that somebody asked again."""
+
+    def __init__(self) -> None:
+        self.asked = asyncio.Event()
+        self._failed = False
+
+    def now_s(self) -> float:
+        if not self._failed:
+            self._failed = True
+            message = "no time"
+            raise RuntimeError(message)
+        self.asked.set()
+        return NOW_S
+
+
+@pytest.mark.anyio
+async def test_a_round_that_fails_is_told_and_the_next_goes_on(
+    database_url: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    database = Database(database_url)
+    directory, clock = SiteDirectory(database), FaultyClock()
+    log, tracks = SqlObservationLog(database), SqlTrackStore(database)
+    registry = SessionRegistry(
+        SessionPorts(log, SqlSnapshotStore(database), tracks), directory, Hub(), clock
+    )
+    housekeeping = Housekeeping(registry, directory, database, clock, Retention())
+    chores = asyncio.create_task(housekeeping.run(0.0))
+    await asyncio.wait_for(clock.asked.wait(), 10.0)
+    chores.cancel()
+    assert "no time" in caplog.text
+    await asyncio.gather(chores, return_exceptions=True)
+    await database.close()
