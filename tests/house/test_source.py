@@ -212,3 +212,9 @@ def test_import_contracts_hold() -> None:
         check=False,
     )
     assert linted.returncode == 0, linted.stdout + linted.stderr
+
+
+def test_every_test_module_has_a_name_of_its_own() -> None:
+    # pytest imports test modules by their bare names: a second one of a name cannot be collected.
+    names = [path.name for path in tracked("tests/*.py") if path.name != "conftest.py"]
+    assert sorted(names) == sorted(set(names))
