@@ -8,6 +8,10 @@ from sqlalchemy import URL, Connection, Engine, create_engine, event, make_url
 # write lock; a group commit holds it for milliseconds.
 BUSY_TIMEOUT_MS = 5_000
 
+# Each attempt at the journal mode ends behind somebody else's lock; a handful of processes may
+# start on a new file together.
+WAL_ATTEMPTS = 8
+
 
 def writing_engine(url: str) -> Engine:
     """Return an engine with the one connection of the writer."""
@@ -49,6 +53,23 @@ def _postgresql(url: URL, connections: int, *, reading: bool) -> Engine:
     )
 
 
+def _keep_write_ahead_log(connection: sqlite3.Connection) -> None:
+    """Set the journal mode, which a new file does not have yet.
+
+    SQLite does not wait for others in this one statement, whatever the busy timeout says. So after
+    a refusal the write lock is waited for, which the timeout does rule, and then it is tried again.
+    """
+    for _ in range(WAL_ATTEMPTS - 1):
+        try:
+            connection.execute("PRAGMA journal_mode = WAL")
+        except sqlite3.OperationalError:
+            connection.execute("BEGIN IMMEDIATE")
+            connection.execute("COMMIT")
+        else:
+            return
+    connection.execute("PRAGMA journal_mode = WAL")
+
+
 def _sqlite(url: URL, connections: int, *, reading: bool, foreign_keys: bool) -> Engine:
     if not url.database or url.database == ":memory:":
         msg = "SQLite needs a file: every connection to memory would be a database of its own"
@@ -62,7 +83,7 @@ def _sqlite(url: URL, connections: int, *, reading: bool, foreign_keys: bool) ->
         # Python's driver would open transactions by itself, without savepoints; we say BEGIN.
         connection.isolation_level = None
         connection.execute(f"PRAGMA busy_timeout = {BUSY_TIMEOUT_MS}")
-        connection.execute("PRAGMA journal_mode = WAL")
+        _keep_write_ahead_log(connection)
         connection.execute(f"PRAGMA foreign_keys = {int(foreign_keys)}")
         # FULL syncs the write-ahead log at every commit: what was acknowledged to a phone, which
         # then forgets it, survives a power cut. NORMAL would survive only the end of the process.

@@ -49,8 +49,8 @@ def test_upgrade_from_empty_and_downgrade_to_base(empty_url: str):
 
 
 def test_processes_that_start_together_upgrade_once(empty_url: str):
-    with ThreadPoolExecutor(2) as threads:
-        list(threads.map(migrate.upgrade, [empty_url, empty_url]))
+    with ThreadPoolExecutor(6) as threads:
+        list(threads.map(migrate.upgrade, [empty_url] * 6))
     assert migrate.current(empty_url) == "0001"
 
 
