@@ -34,6 +34,7 @@ from app.storage.tokens import StoredToken, create_token
 SEED = 1
 USUAL_PORT = 8000
 START_LIMIT_S = 120.0
+STOP_LIMIT_S = 2.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -202,9 +203,19 @@ async def _walk(fleet: Fleet, seconds: float | None, status: Status) -> None:
             await asyncio.sleep(1.0)
             status.update(f"{fleet.phones} phones, {fleet.tally.fixes} fixes; Ctrl-C stops")
 
-    try:
-        async with asyncio.timeout(seconds), asyncio.TaskGroup() as group:
-            group.create_task(tell())
-            await fleet.run()
-    except TimeoutError:
-        return
+    loop, interrupted = asyncio.get_running_loop(), asyncio.Event()
+    loop.add_signal_handler(signal.SIGINT, interrupted.set)
+    walking = asyncio.create_task(fleet.run())
+    watching = asyncio.create_task(interrupted.wait())
+    telling = asyncio.create_task(tell())
+    await asyncio.wait({walking, watching}, timeout=seconds, return_when=asyncio.FIRST_COMPLETED)
+    loop.remove_signal_handler(signal.SIGINT)
+    fleet.stopping = True
+    over = walking.done()
+    for task in (walking, watching, telling):
+        task.cancel()
+    await asyncio.wait({walking}, timeout=STOP_LIMIT_S)
+    if over:
+        walking.result()
+    if interrupted.is_set():
+        raise KeyboardInterrupt

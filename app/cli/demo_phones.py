@@ -31,7 +31,7 @@ class Tally:
     fixes: int = 0
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Fleet:
     """The phones of a demo.
 
@@ -39,6 +39,8 @@ class Fleet:
     ----------
     speed
         Event seconds per real second. Other than 1, the phones say that they play recordings.
+    stopping
+        Phones walk no further: a cancellation alone may be lost in the midst of a request.
     """
 
     url: str
@@ -48,6 +50,7 @@ class Fleet:
     phones: int = 30
     speed: float = 1.0
     tally: Tally = field(default_factory=Tally)
+    stopping: bool = False
 
     async def run(self) -> None:
         """Let all phones walk until cancelled; CommandError if the server refuses them."""
@@ -91,6 +94,8 @@ class _Phone:
             )
             for due_s, observations in batches(piece, start_s):
                 await self._sleep_until(due_s)
+                if self._fleet.stopping:
+                    return
                 await self._post(observations)
             start_s += duration_s
 
