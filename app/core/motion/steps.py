@@ -52,14 +52,10 @@ class StepDetector:
         Filter and phase, see the layout in this module.
     end_s
         Time just after the last sample seen; -inf at the start.
-    absolute_heading
-        Whether headings come from a rotation vector (east-north-up) or from the gyroscope alone
-        (unknown origin).
     """
 
     memory: FloatArray = field(default_factory=lambda: np.zeros(_SIZE))
     end_s: float = -math.inf
-    absolute_heading: bool = True
 
     @property
     def heading_rad(self) -> float:
@@ -74,13 +70,12 @@ def detect_steps(
 ) -> tuple[StepDetector, tuple[Step, ...]]:
     """Run one block through the detector; return its new memory and the steps found, in time order.
 
-    A block that starts before the last one ended is passed over from the overlap on by its own
-    samples: time never runs back.
+    Headings are from east with a rotation vector; with a gyroscope alone their origin is unknown.
     """
     acc = block.acc_mps2.astype(np.float64)
     fresh = block.time_s - detector.end_s > _GAP_S
     memory = _at_rest(acc[0]) if fresh else detector.memory.copy()
-    yaw, absolute = _yaw_source(block)
+    yaw = azimuth_rad(block.quat_wxyz) if len(block.quat_wxyz) else np.empty(0)
     gyro = block.gyro_radps.astype(np.float64) if len(block.gyro_radps) else np.zeros_like(acc)
     found = _detect(
         memory,
@@ -93,7 +88,7 @@ def detect_steps(
         found[:, 3] = math.nan
     end_s = block.time_s + len(acc) / block.rate_hz
     return (
-        StepDetector(memory, end_s, absolute),
+        StepDetector(memory, end_s),
         tuple(Step(*(float(v) for v in row)) for row in found),
     )
 
@@ -114,12 +109,6 @@ def azimuth_rad(quat_wxyz: npt.NDArray[np.float32]) -> FloatArray:
     """
     w, x, y, z = quat_wxyz.astype(np.float64).T
     return np.asarray(np.arctan2(1.0 - 2.0 * (x * x + z * z), 2.0 * (x * y - w * z)))
-
-
-def _yaw_source(block: ImuBlock) -> tuple[FloatArray, bool]:
-    if len(block.quat_wxyz):
-        return azimuth_rad(block.quat_wxyz), True
-    return np.empty(0), False
 
 
 def _at_rest(acc_mps2: FloatArray) -> FloatArray:
