@@ -85,7 +85,7 @@ def detect_steps(
         (params.mean_time_s, params.rise_mps2, params.min_interval_s, params.pause_s),
     )
     if not len(block.quat_wxyz) and not len(block.gyro_radps):
-        found[:, 3] = math.nan
+        found[:, 3] = memory[_SIN] = memory[_COS] = math.nan
     end_s = block.time_s + len(acc) / block.rate_hz
     return (
         StepDetector(memory, end_s),
