@@ -10,6 +10,7 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from itertools import groupby
 from pathlib import Path
 from typing import TypeAlias
@@ -18,7 +19,8 @@ import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter
 
 from app.core import engine
-from app.core.engine import SessionState, pipeline
+from app.core.engine import PROFILES, SessionState
+from app.core.engine.profiles import BEST, Stage
 from app.core.fusion.mixture import Mixture, diffuse, update, walk
 from app.core.params import Params
 from app.core.simulate import walk as simulated_walk
@@ -58,7 +60,7 @@ def stage_shares(walks: Iterable[Walk], site: SiteModel) -> dict[str, float]:
     """Return each stage's share of the fold; the rest is keys, strides, time and reports."""
     spent_ns: Counter[str] = Counter()
 
-    def timed(stage: pipeline.Stage) -> pipeline.Stage:
+    def timed(stage: Stage) -> Stage:
         def run(
             state: SessionState, observation: Observation, site: SiteModel, params: Params
         ) -> SessionState:
@@ -69,10 +71,10 @@ def stage_shares(walks: Iterable[Walk], site: SiteModel) -> dict[str, float]:
 
         return run
 
-    untimed = dict(pipeline.STAGES)
-    pipeline.STAGES.update({kind: tuple(map(timed, row)) for kind, row in untimed.items()})
+    stages = {kind: tuple(map(timed, row)) for kind, row in BEST.stages.items()}
+    PROFILES[BEST.name] = replace(BEST, stages=stages)
     total_us = float(batch_times_us(walks, site).sum())
-    pipeline.STAGES.update(untimed)
+    PROFILES[BEST.name] = BEST
     shares = {name: spent / 1e3 / total_us for name, spent in spent_ns.most_common()}
     return {**shares, "keys, strides, reports": 1.0 - sum(shares.values())}
 

@@ -12,11 +12,11 @@ from rich.progress import track
 
 from app.cli.errors import CommandError
 from app.cli.evaluate_output import JsonOption, give
+from app.core.engine import PROFILES
 from app.formats.ms2020_site import BuildingFolder, BuildingFolderError, read_building
 from app.formats.ms2020_survey import SurveyWalk
 from app.services.evaluation import ms2020
 from app.services.evaluation.figures import Evaluation
-from app.services.site import PROFILES
 
 
 def evaluate_ms2020(

@@ -361,7 +361,13 @@ def _best_lateration() -> LaterationParams:
 
 @dataclass(frozen=True, slots=True)
 class Params:
-    """All parameters of one profile."""
+    """Parameters of a profile; a published one adds its own.
+
+    Attributes
+    ----------
+    smoother
+        None: the system has no smoother, what is stored is its causal track.
+    """
 
     profile: str = "best"
     match: MatchParams = field(default_factory=MatchParams)
@@ -369,6 +375,6 @@ class Params:
     fusion: FusionParams = field(default_factory=FusionParams)
     floor: FloorParams = field(default_factory=FloorParams)
     report: ReportParams = field(default_factory=ReportParams)
-    smoother: SmootherParams = field(default_factory=SmootherParams)
+    smoother: SmootherParams | None = field(default_factory=SmootherParams)
     lateration: LaterationParams = field(default_factory=_best_lateration)
     motion_mode: MotionModeParams = field(default_factory=MotionModeParams)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from app.core import engine
-from app.core.engine import SessionState, order_key
+from app.core.engine import SessionState, order_key, places_of
 from app.core.params import Params
 from app.core.site import SiteModel
 from app.core.types import Observation, Output
@@ -47,14 +47,14 @@ def _fold(site: SiteModel, params: Params, ordered: Sequence[Observation]) -> Lo
 
 
 def _alternatives(state: SessionState, site: SiteModel) -> tuple[Alternative, ...]:
-    """Return the filter's components on the most probable floor, the heaviest first."""
+    """Return the places that the track holds possible, on the most probable floor."""
     if state.track is None or state.floor_belief is None:
         return ()
     floor = int(np.argmax(state.floor_belief))
     share = float(state.floor_belief[floor])
     return tuple(
         Alternative(
-            site.floors[floor].floor_id, float(mean[0]), float(mean[1]), float(weight) * share
+            site.floors[floor].floor_id, float(place[0]), float(place[1]), float(weight) * share
         )
-        for mean, weight in zip(state.track.mean, state.track.weight, strict=True)
+        for place, weight in zip(*places_of(state.track), strict=True)
     )

@@ -9,6 +9,7 @@ from typing import Any
 
 from sqlalchemy import Connection
 
+from app.core.engine import PROFILES
 from app.core.fingerprint.radio_map import RadioMap
 from app.core.georeference import ControlPoint, Georeference, fit_georeference
 from app.core.params import Params
@@ -23,8 +24,6 @@ from app.storage.floors import PlanImage, StoredFloor
 from app.storage.sites import StoredSite
 
 _LOG = logging.getLogger(__name__)
-
-PROFILES = {"best": Params()}
 
 
 class SiteDirectory:
@@ -56,7 +55,7 @@ class SiteDirectory:
     def params(self, site_id: str, profile: str) -> Params:
         """Return the parameters of a profile; KeyError if there is none of this name."""
         _ = site_id
-        return PROFILES[profile]
+        return PROFILES[profile].params
 
     async def refresh(self) -> None:
         """Load what was changed since the last time, by this process or another one."""

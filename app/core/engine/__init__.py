@@ -2,17 +2,22 @@
 
 from app.core.engine.order import OrderKey, event_time_s, order_key
 from app.core.engine.pipeline import advance, finish
+from app.core.engine.place import places_of
+from app.core.engine.profiles import PROFILES, Profile
 from app.core.engine.smoothing import smoothed
 from app.core.engine.state import SessionState, start
 from app.core.engine.warmup import warm_up
 
 __all__ = [
+    "PROFILES",
     "OrderKey",
+    "Profile",
     "SessionState",
     "advance",
     "event_time_s",
     "finish",
     "order_key",
+    "places_of",
     "smoothed",
     "start",
     "warm_up",

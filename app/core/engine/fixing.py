@@ -9,7 +9,7 @@ import numpy as np
 from app.core.engine.state import SessionState
 from app.core.fingerprint.matching import match
 from app.core.fingerprint.query import Query, first_of, fresh_wifi_dbm, mean_ble_dbm, within
-from app.core.fusion.mixture import begin, update
+from app.core.fusion.mixture import Mixture, begin, update
 from app.core.fusion.sighting import Noise, Sighting
 from app.core.lateration.windowed import Estimate, estimate
 from app.core.motion.mode import decided, with_velocity
@@ -154,11 +154,11 @@ def _correct(
     state: SessionState, sighting: Sighting, method: Method, params: Params
 ) -> SessionState:
     candidates = (sighting.places, sighting.weight, sighting.noise_m2, params.fusion)
-    if state.track is None:
-        track = begin(*candidates)
-    else:
+    if isinstance(state.track, Mixture):
         track = update(state.track, *candidates)
         method = Method.FUSED
+    else:
+        track = begin(*candidates)
     evidence = replace(state.evidence, sighting=sighting)
     return replace(state, track=track, told_s=sighting.time_s, method=method, evidence=evidence)
 

@@ -1,49 +1,17 @@
-"""The pipeline: the ordered stages of one observation's way, on one screen."""
+"""The fold: one observation's way through the stages of its profile, and the passing of time."""
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, TypeAlias
 
-from app.core.engine.fixing import laterate, match_beacons, match_fingerprints
-from app.core.engine.hearing import hear_beacons, slide_window
 from app.core.engine.order import event_time_s, order_key
+from app.core.engine.profiles import PROFILES
 from app.core.engine.report import report
 from app.core.engine.state import Evidence, SessionState
-from app.core.engine.walking import (
-    diffuse_unseen,
-    find_strides,
-    sense_motion,
-    spread_pedometer,
-    take_phone_steps,
-    take_strides,
-)
+from app.core.engine.walking import take_strides
 from app.core.motion.mode import decided
 from app.core.params import Params
 from app.core.site import SiteModel
-from app.core.types import (
-    Barometer,
-    BleScan,
-    ImuBlock,
-    Observation,
-    Output,
-    Pedometer,
-    Steps,
-    Truth,
-    WifiScan,
-)
-
-Stage: TypeAlias = Callable[[SessionState, Any, SiteModel, Params], SessionState]
-
-STAGES: dict[type, tuple[Stage, ...]] = {
-    ImuBlock: (sense_motion, find_strides),
-    Steps: (take_phone_steps,),
-    Pedometer: (spread_pedometer,),
-    BleScan: (hear_beacons, slide_window, diffuse_unseen, match_beacons, laterate),
-    WifiScan: (diffuse_unseen, match_fingerprints),
-    Barometer: (),
-    Truth: (),
-}
+from app.core.types import BleScan, Observation, Output, WifiScan
 
 
 def advance(
@@ -55,11 +23,14 @@ def advance(
     that was observed at or before k, and on nothing later.
     """
     time_s = observation.time_s
+    profile = PROFILES[params.profile]
     state = replace(state, evidence=Evidence())
     state, outputs = _pass_time(state, time_s, site, params)
-    state = take_strides(state, time_s, params)
-    for stage in STAGES[type(observation)]:
+    state = take_strides(state, time_s, profile.stride, params)
+    for stage in profile.stages[type(observation)]:
         state = stage(state, observation, site, params)
+    # Steps that the phone tells are over by the time it tells them.
+    state = take_strides(state, time_s, profile.stride, params)
     return (
         replace(
             state,
@@ -87,7 +58,7 @@ def end(
         return state, ()
     end_s = state.latest_s
     state, outputs = _pass_time(replace(state, evidence=Evidence()), end_s, site, params)
-    state = take_strides(state, end_s, params)
+    state = take_strides(state, end_s, PROFILES[params.profile].stride, params)
     return state, (*outputs, report(state, end_s, site, params))
 
 
@@ -100,11 +71,12 @@ def _pass_time(
     """
     if state.now_s is None or state.latest_s is None:
         return state, ()
+    rule = PROFILES[params.profile].stride
     outputs: list[Output] = []
     until_s = min(to_s, max(state.latest_s, state.now_s) + params.report.silence_s)
     second = math.ceil(state.now_s)
     while second < until_s:
-        state = take_strides(state, float(second), params)
+        state = take_strides(state, float(second), rule, params)
         outputs.append(report(state, float(second), site, params))
         second += 1
     return state, tuple(outputs)

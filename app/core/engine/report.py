@@ -4,9 +4,8 @@ import math
 
 import numpy as np
 
+from app.core.engine.place import place_of, velocity_mps
 from app.core.engine.state import SessionState
-from app.core.engine.walking import stride_velocity_mps
-from app.core.fusion.mixture import moments
 from app.core.motion.mode import decided
 from app.core.params import Params, ReportParams
 from app.core.site import SiteModel
@@ -28,16 +27,16 @@ def report(state: SessionState, time_s: float, site: SiteModel, params: Params) 
     age_s = time_s - state.told_s
     if age_s > params.report.max_age_s:
         return NoFix(time_s, NoFixReason.NOTHING_HEARD)
-    mean, covariance = moments(state.track)
+    place, covariance = place_of(state.track)
     mode = decided(state.motion, time_s, params.motion_mode).mode
-    vx, vy = stride_velocity_mps(state) if mode is MotionMode.WALKING else (0.0, 0.0)
+    vx, vy = velocity_mps(state) if mode is MotionMode.WALKING else (0.0, 0.0)
     xx, xy, yy = calibrated(covariance, params.report)
     floor = int(np.argmax(state.floor_belief))
     return TrackPoint(
         time_s=time_s,
         floor_id=site.floors[floor].floor_id,
-        x_m=float(mean[0]),
-        y_m=float(mean[1]),
+        x_m=float(place[0]),
+        y_m=float(place[1]),
         covariance_m2=(xx, xy, yy),
         radius95_m=radius95_m(xx, xy, yy),
         speed_mps=math.hypot(vx, vy),

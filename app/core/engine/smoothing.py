@@ -13,11 +13,11 @@ import numpy as np
 
 from app.core.engine.fixing import leaked, trusted
 from app.core.engine.pipeline import advance, end
+from app.core.engine.place import place_of
 from app.core.engine.report import calibrated, radius95_m
 from app.core.engine.state import SessionState, start
-from app.core.fusion.mixture import moments
 from app.core.fusion.smoother import Leg, Path, smooth
-from app.core.params import Params
+from app.core.params import Params, ReportParams, SmootherParams
 from app.core.site import SiteModel
 from app.core.types import FloatArray, Observation, Output, TrackPoint
 
@@ -48,7 +48,8 @@ def smoothed(
     Returns
     -------
     tuple of TrackPoint
-        At the seconds, and the end, at which the causal track has a point.
+        At the seconds, and the end, at which the causal track has a point; that track itself where
+        the profile has no smoother.
     """
     state, history = start(), _History()
     outputs: list[Output] = []
@@ -59,15 +60,16 @@ def smoothed(
     state, last = end(state, site, params)
     _remember(history, state, math.inf)
     points = [o for o in (*outputs, *last) if isinstance(o, TrackPoint)]
-    return _placed(points, history, site, params) if points else ()
+    if params.smoother is None or not points:
+        return tuple(points)
+    return _placed(points, history, (site, params), params.smoother)
 
 
 def _remember(history: _History, state: SessionState, time_s: float) -> None:
     evidence = state.evidence
     guess = None
     if state.track is not None:
-        mean, covariance = moments(state.track)
-        guess = mean[:2], covariance[:2, :2]
+        guess = place_of(state.track)
     legs = [
         Leg(s.time_s, np.array([s.length_m]), np.array([s.heading_rad]), 0.0, None, None)
         for s in evidence.strides
@@ -83,8 +85,13 @@ def _remember(history: _History, state: SessionState, time_s: float) -> None:
 
 
 def _placed(
-    points: list[TrackPoint], history: _History, site: SiteModel, params: Params
+    points: list[TrackPoint],
+    history: _History,
+    world: tuple[SiteModel, Params],
+    smoother: SmootherParams,
 ) -> tuple[TrackPoint, ...]:
+    site, params = world
+    report = replace(params.report, covariance_scale=smoother.covariance_scale)
     floors = _smoothed_floors(history, params)
     # Strides before the first sighting are on its floor.
     floor_of = [floors[max(count - 1, 0)] for count in history.sighted]
@@ -92,12 +99,13 @@ def _placed(
         replace(leg, walkable=site.floors[int(np.argmax(belief))].walkable)
         for leg, belief in zip(history.legs, floor_of, strict=True)
     ]
-    path = smooth(legs, _first_guess(history), params.fusion, params.smoother)
+    path = smooth(legs, _first_guess(history), params.fusion, smoother)
     times = [leg.time_s for leg in legs]
     placed = []
     for point in points:
         at = max(bisect_right(times, point.time_s) - 1, 0)
-        placed.append(_moved(point, path, at, floor_of[at], (site, params)))
+        moved = _moved(point, path, at, report)
+        placed.append(_on_floor(moved, floor_of[at], site))
     return tuple(placed)
 
 
@@ -123,23 +131,19 @@ def _smoothed_floors(history: _History, params: Params) -> list[FloatArray]:
     return out
 
 
-def _moved(
-    point: TrackPoint,
-    path: Path,
-    at: int,
-    floor_belief: FloatArray,
-    world: tuple[SiteModel, Params],
-) -> TrackPoint:
-    site, params = world
-    report = replace(params.report, covariance_scale=params.smoother.covariance_scale)
+def _moved(point: TrackPoint, path: Path, at: int, report: ReportParams) -> TrackPoint:
     xx, xy, yy = calibrated(path.covariance[at], report)
-    floor = int(np.argmax(floor_belief))
     return replace(
         point,
         x_m=float(path.place[at, 0]),
         y_m=float(path.place[at, 1]),
         covariance_m2=(xx, xy, yy),
         radius95_m=radius95_m(xx, xy, yy),
-        floor_id=site.floors[floor].floor_id,
-        floor_confidence=float(floor_belief[floor]),
+    )
+
+
+def _on_floor(point: TrackPoint, belief: FloatArray, site: SiteModel) -> TrackPoint:
+    floor = int(np.argmax(belief))
+    return replace(
+        point, floor_id=site.floors[floor].floor_id, floor_confidence=float(belief[floor])
     )

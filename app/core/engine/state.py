@@ -1,15 +1,23 @@
 """The state of one session's fold."""
 
 from dataclasses import dataclass, field
+from typing import TypeAlias
 
 from app.core.engine.order import OrderKey
 from app.core.fingerprint.query import Advertisement
 from app.core.fusion.mixture import Mixture
+from app.core.fusion.planar import PlanarTrack
 from app.core.fusion.sighting import Sighting
 from app.core.motion.mode import MotionState
 from app.core.motion.steps import StepDetector
 from app.core.radio.windows import Window
 from app.core.types import FloatArray, Method, NoFixReason, Used
+
+Track: TypeAlias = Mixture | PlanarTrack
+"""State of a profile's filter; a session keeps to one kind."""
+
+Memory: TypeAlias = None
+"""What a published profile remembers beside its track; a union of their own dataclasses."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,6 +70,8 @@ class SessionState:
         Recent advertisements for fingerprints, recent levels of anchors for lateration.
     track
         The filter, None before the first fix.
+    memory
+        What a published profile remembers beside it.
     floor_belief : (floors,)
         Probability of each floor, None before the first vote.
     stride
@@ -86,7 +96,8 @@ class SessionState:
     wifi_s: float | None = None
     heard: tuple[Advertisement, ...] = ()
     window: Window = field(default_factory=Window)
-    track: Mixture | None = None
+    track: Track | None = None
+    memory: Memory = None
     floor_belief: FloatArray | None = None
     stride: Stride | None = None
     told_s: float | None = None

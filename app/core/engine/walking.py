@@ -1,10 +1,12 @@
 """Stages of motion: strides from the phone's sensors, and the filter carried along by them."""
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Any, TypeAlias
 
 from app.core.engine.state import SessionState, Stride
-from app.core.fusion.mixture import diffuse, moments, walk
+from app.core.fusion.mixture import Mixture, diffuse, walk
 from app.core.motion.mode import with_acceleration, with_step
 from app.core.motion.steps import detect_steps, step_length_m
 from app.core.params import Params
@@ -16,6 +18,9 @@ from app.core.types import (
     Steps,
     WifiScan,
 )
+
+StrideRule: TypeAlias = Callable[[SessionState, Stride, Any], SessionState]
+"""What one stride does to a profile's track, by its parameters."""
 
 
 def sense_motion(
@@ -56,7 +61,7 @@ def take_phone_steps(
     strides = tuple(
         Stride(steps.time_s, length_m, heading_rad, seconds) for _ in range(steps.count)
     )
-    return _believe_phone(state, strides, steps.time_s, params)
+    return _believe_phone(state, strides, steps.time_s)
 
 
 def spread_pedometer(
@@ -76,15 +81,12 @@ def spread_pedometer(
     known_s = -math.inf if state.stride is None else state.stride.time_s
     times_s = (interval.time_s - seconds * i for i in reversed(range(interval.steps)))
     strides = tuple(Stride(t, length_m, heading_rad, seconds) for t in times_s if t > known_s)
-    return _believe_phone(state, strides, interval.time_s, params)
+    return _believe_phone(state, strides, interval.time_s)
 
 
-def _believe_phone(
-    state: SessionState, strides: tuple[Stride, ...], time_s: float, params: Params
-) -> SessionState:
+def _believe_phone(state: SessionState, strides: tuple[Stride, ...], time_s: float) -> SessionState:
     # From the phone's first word on, what our detector still has waiting would count twice.
-    state = replace(state, pending=strides, phone_steps_s=time_s)
-    return take_strides(state, time_s, params)
+    return replace(state, pending=strides, phone_steps_s=time_s)
 
 
 def _on_plan(heading_rad: float, site: SiteModel) -> float:
@@ -92,25 +94,31 @@ def _on_plan(heading_rad: float, site: SiteModel) -> float:
     return heading_rad - site.x_axis_from_east_rad
 
 
-def take_strides(state: SessionState, until_s: float, params: Params) -> SessionState:
+def walk_mixture(state: SessionState, stride: Stride, params: Params) -> SessionState:
+    """Move the Gaussian-sum filter by a stride."""
+    if not isinstance(state.track, Mixture):
+        return state
+    track = walk(state.track, stride.length_m, stride.heading_rad, params.fusion)
+    return replace(state, track=track)
+
+
+def take_strides(
+    state: SessionState, until_s: float, rule: StrideRule, params: Params
+) -> SessionState:
     """Move the filter by the strides whose time has come."""
     due = 0
-    track, motion, last = state.track, state.motion, state.stride
     while due < len(state.pending) and state.pending[due].time_s <= until_s:
-        stride = state.pending[due]
-        motion = with_step(motion, stride.time_s)
-        last = stride
-        if track is not None:
-            track = walk(track, stride.length_m, stride.heading_rad, params.fusion)
         due += 1
     if not due:
         return state
-    taken = state.pending[:due]
+    taken, motion = state.pending[:due], state.motion
+    for stride in taken:
+        motion = with_step(motion, stride.time_s)
+        state = rule(state, stride, params)
     return replace(
         state,
-        track=track,
         motion=motion,
-        stride=last,
+        stride=taken[-1],
         pending=state.pending[due:],
         evidence=replace(state.evidence, strides=state.evidence.strides + taken),
         used=replace(state.used, steps=state.used.steps + due),
@@ -126,7 +134,7 @@ def diffuse_unseen(
     without one, or in a gap of it, the phone may have gone anywhere at walking pace.
     """
     _ = site
-    if state.track is None or state.scanned_s is None:
+    if not isinstance(state.track, Mixture) or state.scanned_s is None:
         return state
     elapsed_s = scan.time_s - state.scanned_s
     inertial = state.detector.end_s > scan.time_s - params.fusion.sensor_gap_s
@@ -135,17 +143,3 @@ def diffuse_unseen(
     drift_m2 = rate * elapsed_s
     evidence = replace(state.evidence, drift_m2=drift_m2)
     return replace(state, track=diffuse(state.track, drift_m2), evidence=evidence)
-
-
-def stride_velocity_mps(state: SessionState) -> tuple[float, float]:
-    """Return the velocity of the last stride as the filter turns and scales it; 0 if unknown."""
-    stride = state.stride
-    if stride is None or state.track is None or math.isnan(stride.heading_rad):
-        return 0.0, 0.0
-    mean, _ = moments(state.track)
-    seconds = stride.seconds if stride.seconds > 0.0 else math.nan
-    if math.isnan(seconds):
-        return 0.0, 0.0
-    speed = stride.length_m * math.exp(float(mean[3])) / seconds
-    direction = stride.heading_rad + float(mean[2])
-    return speed * math.cos(direction), speed * math.sin(direction)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
+from app.core.engine import PROFILES
 from app.core.evaluate import Place
 from app.core.fingerprint.radio_map import RadioMap
 from app.core.georeference import fit_georeference
@@ -20,7 +21,6 @@ from app.services.errors import AppError, ErrorCode
 from app.services.evaluation.figures import Figures
 from app.services.evaluation.parallel import on_all_cores
 from app.services.evaluation.walks import FollowedWalk, follow, walk_figures
-from app.services.site import PROFILES
 
 PROTOCOL = (
     "fold = int(md5(trace id)[:8], 16) % 4; traces of fold 0 against a map of the walks of folds 1 "
@@ -164,7 +164,8 @@ def _begin(sites: dict[Split, SiteModel], first: Task) -> None:
 
 
 def _score_task(task: Task) -> ScoredTrace:
-    return score_trace(read_trace(task.path), _sites[task.split], PROFILES[task.profile])
+    params = PROFILES[task.profile].params
+    return score_trace(read_trace(task.path), _sites[task.split], params)
 
 
 def score_trace(trace: Trace, site: SiteModel, params: Params) -> ScoredTrace:

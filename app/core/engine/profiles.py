@@ -1,0 +1,79 @@
+"""The profiles: each a composition of the same core blocks, its stages in order, on one screen."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+from app.core.engine.fixing import laterate, match_beacons, match_fingerprints
+from app.core.engine.hearing import hear_beacons, slide_window
+from app.core.engine.state import SessionState
+from app.core.engine.walking import (
+    StrideRule,
+    diffuse_unseen,
+    find_strides,
+    sense_motion,
+    spread_pedometer,
+    take_phone_steps,
+    walk_mixture,
+)
+from app.core.params import Params
+from app.core.site import SiteModel
+from app.core.types import Barometer, BleScan, ImuBlock, Pedometer, Steps, Truth, WifiScan
+
+Stage: TypeAlias = Callable[[SessionState, Any, SiteModel, Any], SessionState]
+"""One step of an observation's way: state, observation, site and the profile's parameters."""
+
+Stages: TypeAlias = Mapping[type, tuple[Stage, ...]]
+
+
+@dataclass(frozen=True, slots=True)
+class Profile:
+    """A composition of core blocks under a name.
+
+    Attributes
+    ----------
+    title, source
+        What it is, in one line, and where it was published.
+    params
+        Its parameters; ``params.profile`` is its name.
+    stages
+        What happens to an observation of each type, in order.
+    stride
+        What a stride does to the track.
+    """
+
+    title: str
+    source: str
+    params: Params
+    stages: Stages
+    stride: StrideRule
+
+    @property
+    def name(self) -> str:
+        """Return the name by which sites, devices and sessions choose it."""
+        return self.params.profile
+
+
+MOTION: Stages = {
+    ImuBlock: (sense_motion, find_strides),
+    Steps: (take_phone_steps,),
+    Pedometer: (spread_pedometer,),
+    Barometer: (),
+    Truth: (),
+}
+"""What motion sensors tell, the same for every profile."""
+
+BEST = Profile(
+    title="Candidates and lateration into a Gaussian-sum filter with dead reckoning",
+    source="Pharos",
+    params=Params(),
+    stages={
+        **MOTION,
+        BleScan: (hear_beacons, slide_window, diffuse_unseen, match_beacons, laterate),
+        WifiScan: (diffuse_unseen, match_fingerprints),
+    },
+    stride=walk_mixture,
+)
+
+PROFILES: dict[str, Profile] = {profile.name: profile for profile in (BEST,)}
+"""Every profile by its name."""
