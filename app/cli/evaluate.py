@@ -1,8 +1,9 @@
-"""``pharos evaluate``: accuracy on public data sets, one command per data set."""
+"""``pharos evaluate``: accuracy on public data sets, and what papers claim, repeated."""
 
 import typer
 
 from app.cli.evaluate_ms2020 import evaluate_ms2020
+from app.cli.evaluate_papers import evaluate_papers
 from app.cli.evaluate_report import write_report
 from app.cli.evaluate_tables import (
     evaluate_kolakowski,
@@ -11,10 +12,13 @@ from app.cli.evaluate_tables import (
     evaluate_ujiindoorloc,
 )
 
-evaluating = typer.Typer(no_args_is_help=True, help="Measure accuracy on public data sets.")
+evaluating = typer.Typer(
+    no_args_is_help=True, help="Measure accuracy, on public data sets and as the papers do."
+)
 evaluating.command("report")(write_report)
 evaluating.command("ms2020")(evaluate_ms2020)
 evaluating.command("uji-ble")(evaluate_uji_ble)
 evaluating.command("kolakowski")(evaluate_kolakowski)
 evaluating.command("ujiindoorloc")(evaluate_ujiindoorloc)
 evaluating.command("oxford-steps")(evaluate_oxford_steps)
+evaluating.command("papers")(evaluate_papers)

@@ -11,11 +11,15 @@ from rich.table import Table
 
 from app.cli.errors import CommandError
 from app.services.evaluation.figures import Evaluation
-from app.services.evaluation.report import flat
+from app.services.evaluation.report import columns_of, flat
 
 JsonOption = Annotated[
     Path | None, typer.Option("--json", metavar="FILE", help="Write the figures; - for stdout.")
 ]
+
+
+NUMBER_WIDTH = 7
+"""A narrow terminal folds the names of figures, not the figures: 100.0 % has seven characters."""
 
 
 def give(evaluation: Evaluation, json_file: Path | None) -> None:
@@ -34,12 +38,12 @@ def give(evaluation: Evaluation, json_file: Path | None) -> None:
 
 
 def figures_table(evaluation: Evaluation) -> Table:
-    """Return a table with a row per figure and a column per profile or method."""
-    columns = [dict(flat(figures)) for figures in evaluation.profiles.values()]
+    """Return a table with a row per figure and a column per profile, method or statistic."""
+    columns = {name: dict(flat(figures)) for name, figures in columns_of(evaluation).items()}
     table = Table(title=evaluation.dataset, caption=evaluation.protocol)
-    table.add_column("", no_wrap=True)
-    for name in evaluation.profiles:
-        table.add_column(name, justify="right")
-    for row in dict.fromkeys(name for column in columns for name in column):
-        table.add_row(row, *(column.get(row, "") for column in columns))
+    table.add_column("", overflow="fold")
+    for name in columns:
+        table.add_column(name, justify="right", min_width=NUMBER_WIDTH)
+    for row in dict.fromkeys(name for column in columns.values() for name in column):
+        table.add_row(row, *(column.get(row, "") for column in columns.values()))
     return table

@@ -42,6 +42,24 @@ def test_json_alone_comes_on_stdout(steps: Path) -> None:
     assert json.loads(result.stdout)["profiles"]["steps"]["traces"] == 1
 
 
+def test_papers_are_told_by_statistic_with_what_they_ought_to_be(tmp_path: Path) -> None:
+    figures, page = tmp_path / "papers.json", tmp_path / "accuracy.md"
+    result = evaluate("papers", "--seeds", "1", "--only", "grinyak2018", "--json", figures)
+    assert result.exit_code == 0, result.output
+    written = json.loads(figures.read_text())
+    assert written["dataset"] == "papers"
+    assert written["command"] == "pharos evaluate papers --seeds 1 --only grinyak2018"
+    most = written["profiles"]["grinyak2018"]["corners"]["predicted"]["most_kinematic_sigma_m"]
+    assert most["target"] == 2.5
+    assert evaluate("report", figures, "--out", page).exit_code == 0
+    rows = [line.split(" | ") for line in page.read_text().splitlines() if line.startswith("|")]
+    assert rows[0] == ["|", "`median`", "`p10`", "`p90`", "`target` |"]
+    told = next(row for row in rows if row[0].endswith("most_kinematic_sigma_m`"))
+    assert told[0] == "| `grinyak2018.corners.predicted.most_kinematic_sigma_m`"
+    assert told[1] == f"{most['median']:.2f}"
+    assert told[-1] == "2.50 |"
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
@@ -51,6 +69,7 @@ def test_json_alone_comes_on_stdout(steps: Path) -> None:
         (("kolakowski", "."), "anchors.csv"),
         (("uji-ble", ".", "--zone", "geo"), "anchors.csv"),
         (("ujiindoorloc", "."), "trainingData.csv.gz"),
+        (("papers", "--only", "grinyak2018,magic"), "no paper 'magic'"),
         (("report", "nothing.json", "--out", "page.md"), "nothing.json"),
     ],
 )

@@ -1,7 +1,7 @@
 """Figures of an evaluation, in the form that it is printed, stored and documented in."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
@@ -22,6 +22,12 @@ class Evaluation:
     command: str
     protocol: str
     profiles: Mapping[str, Figures]
+
+
+def over_seeds(values: Sequence[float], target: float | None = None) -> dict[str, float | None]:
+    """Return what a figure is over the seeds of a simulation, and what it ought to be."""
+    p10, median, p90 = (float(p) for p in np.percentile(values, (10.0, 50.0, 90.0)))
+    return {"median": median, "p10": p10, "p90": p90, "target": target}
 
 
 def error_figures(errors_m: ArrayLike) -> dict[str, float]:

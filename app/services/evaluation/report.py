@@ -1,10 +1,10 @@
 """The page docs/accuracy.md, made of the figures that `pharos evaluate` wrote."""
 
 import textwrap
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
-from app.services.evaluation.figures import Evaluation
+from app.services.evaluation.figures import Evaluation, Figures
 
 HEAD = """# Accuracy
 
@@ -42,7 +42,17 @@ page.""",
     "oxford-steps": """Six walks of one person, who carries the phone in six ways, some 340 steps
 each. Steps are counted, not measured: this says nothing of step length or heading. The low-pass of
 the detector was chosen with these recordings at hand.""",
+    "papers": """Simulations after the set-ups that the papers behind the profiles describe, with
+each paper's own parameters; the papers' recordings are not public. They show that a system is built
+as published, by the ratios and orders that its paper reports. They are not figures of any building,
+and the metres of two papers are not to be compared. `median`, `p10` and `p90` are over the seeds of
+the simulation; `target` is what the paper reports or what was asked of it. `docs/methods` has a
+page for each, which also says what could not be reproduced.""",
 }
+
+
+STATISTICS = ("median", "p10", "p90", "target")
+"""Columns of the papers' table, as `over_seeds` names them."""
 
 
 def report_page(evaluations: Iterable[Evaluation]) -> str:
@@ -56,18 +66,51 @@ def report_page(evaluations: Iterable[Evaluation]) -> str:
 
 
 def _section(evaluation: Evaluation, *, explain: bool) -> str:
-    table = "\n".join(_table(evaluation.profiles))
+    table = "\n".join(_table(columns_of(evaluation)))
     if not explain:
         return f"## {evaluation.dataset}\n\n`{evaluation.command}`\n\n{table}\n"
     about = ABOUT[evaluation.dataset.split()[0]]
-    protocol = textwrap.fill(f"Protocol: {evaluation.protocol}.", 100)
+    protocol = _protocol(evaluation.protocol.splitlines())
     return (
         f"## {evaluation.dataset}\n\n`{evaluation.command}`\n\n{about}\n\n{protocol}\n\n{table}\n"
     )
 
 
-def _table(profiles: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
-    columns = {name: dict(flat(figures)) for name, figures in profiles.items()}
+def _protocol(lines: Sequence[str]) -> str:
+    if len(lines) == 1:
+        return textwrap.fill(f"Protocol: {lines[0]}.", 100)
+    items = (textwrap.fill(f"- {line}.", 100, subsequent_indent="  ") for line in lines)
+    return "\n".join(("Protocols:\n", *items))
+
+
+def columns_of(evaluation: Evaluation) -> Mapping[str, Figures]:
+    """Return an evaluation's figures as the columns of its table.
+
+    The papers have no figure in common, so theirs are below each other and a column is a statistic.
+    """
+    if evaluation.dataset == "papers":
+        return {name: _statistic(evaluation.profiles, name) for name in STATISTICS}
+    return evaluation.profiles
+
+
+def _statistic(figures: Figures, name: str) -> dict[str, Any]:
+    """Return the part of nested figures that is one statistic, in their own structure.
+
+    A number that does not depend on the seeds is its own median.
+    """
+    parts: dict[str, Any] = {}
+    for key, value in figures.items():
+        if not isinstance(value, Mapping):
+            parts[key] = value if name == "median" else None
+        elif "median" in value:
+            parts[key] = value[name]
+        else:
+            parts[key] = _statistic(value, name)
+    return parts
+
+
+def _table(of: Mapping[str, Figures]) -> Iterator[str]:
+    columns = {name: dict(flat(figures)) for name, figures in of.items()}
     yield "| | " + " | ".join(f"`{name}`" for name in columns) + " |"
     yield "|---|" + "---|" * len(columns)
     for row in dict.fromkeys(name for column in columns.values() for name in column):
