@@ -45,6 +45,7 @@ class NoFixReason(StrEnum):
     DEGENERATE_GEOMETRY = "degenerate_geometry"
     OUTSIDE_MAPPED_AREA = "outside_mapped_area"
     NO_RADIO_MAP_OR_BEACONS = "no_radio_map_or_beacons"
+    NO_BEACONS = "no_beacons"
     NOT_STARTED = "not_started"
 
 

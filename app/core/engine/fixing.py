@@ -74,13 +74,30 @@ def match_beacons(
 
 def laterate(state: SessionState, scan: BleScan, site: SiteModel, params: Params) -> SessionState:
     """Estimate the place from the window's levels, on the floor that the anchors vote for."""
+    if site.radio_map is not None and not len(state.window):
+        return state
     if not site.anchors:
-        mapless = site.radio_map is None
-        return _without(state, NoFixReason.NO_RADIO_MAP_OR_BEACONS) if mapless else state
+        return _without(state, NoFixReason.NO_RADIO_MAP_OR_BEACONS)
+    found, votes, state = solve_window(state, scan, site, params)
+    if isinstance(found, NoFix):
+        return _without(state, found.reason)
+    place = np.array([[found.fix.x_m, found.fix.y_m]])
+    noise = _noise(found.fix, params)
+    sighting = Sighting(scan.time_s, place, np.ones(1), noise, votes)
+    return replace(_correct(state, sighting, Method.LATERATION, params), used=found.fix.used)
+
+
+def solve_window(
+    state: SessionState, scan: BleScan, site: SiteModel, params: Params
+) -> tuple[Estimate | NoFix, FloatArray, SessionState]:
+    """Return where the window's levels come from, the floor votes of its anchors, and the state.
+
+    The state then knows what the levels tell of motion and floor.
+    """
+    votes = _anchor_votes(state, site)
     if not len(state.window):
         unknown = NoFixReason.UNKNOWN_TRANSMITTERS if scan.readings else NoFixReason.NOTHING_HEARD
-        return _without(state, unknown) if site.radio_map is None else state
-    votes = _anchor_votes(state, site)
+        return NoFix(scan.time_s, unknown), votes, state
     belief = _believe(state, votes, scan.time_s, params)
     floor = int(np.argmax(belief))
     on_floor = np.array([site.floor_index(a.floor_id) == floor for a in site.anchors])
@@ -88,12 +105,7 @@ def laterate(state: SessionState, scan: BleScan, site: SiteModel, params: Params
     window = of_anchors(state.window, on_floor)
     state = replace(state, floor_belief=belief)
     found, state = _by_motion(state, window, model, scan.time_s, params)
-    if isinstance(found, NoFix):
-        return _without(state, found.reason)
-    place = np.array([[found.fix.x_m, found.fix.y_m]])
-    noise = _noise(found.fix, params)
-    sighting = Sighting(scan.time_s, place, np.ones(1), noise, votes)
-    return replace(_correct(state, sighting, Method.LATERATION, params), used=found.fix.used)
+    return found, votes, state
 
 
 def _too_few(scan: WifiScan, wanted: int) -> NoFixReason:

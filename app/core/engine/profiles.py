@@ -5,6 +5,12 @@ from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 from app.core.engine.fixing import laterate, match_beacons, match_fingerprints
+from app.core.engine.grinyak2018 import (
+    Grinyak2018Params,
+    locate_window,
+    pass_over_wifi,
+    stay,
+)
 from app.core.engine.hearing import hear_beacons, slide_window
 from app.core.engine.state import SessionState
 from app.core.engine.walking import (
@@ -75,5 +81,17 @@ BEST = Profile(
     stride=walk_mixture,
 )
 
-PROFILES: dict[str, Profile] = {profile.name: profile for profile in (BEST,)}
+GRINYAK2018 = Profile(
+    title="Windowed least squares on beacon levels, static or kinematic; no filter",
+    source="Grinyak, Grinyak, Tsybanov, The Territory of New Opportunities 10(2), 2018",
+    params=Grinyak2018Params(),
+    stages={
+        **MOTION,
+        BleScan: (slide_window, locate_window),
+        WifiScan: (pass_over_wifi,),
+    },
+    stride=stay,
+)
+
+PROFILES: dict[str, Profile] = {profile.name: profile for profile in (BEST, GRINYAK2018)}
 """Every profile by its name."""

@@ -52,6 +52,8 @@ class Estimate:
 
     Attributes
     ----------
+    covariance : (n, n)
+        D of x, y (n = 2), and of vx, vy where the fix has a velocity (n = 4).
     velocity_chi2
         ``v' D_vv^-1 v`` of the kinematic model: at rest chi-square with 2 degrees of freedom.
     offset_db
@@ -61,6 +63,7 @@ class Estimate:
     """
 
     fix: Fix
+    covariance: FloatArray
     velocity_chi2: float | None
     offset_db: float | None
     linearised: bool
@@ -128,6 +131,7 @@ def estimate(
     )
     return Estimate(
         fix,
+        covariance=D[:4, :4] if has_velocity else D[:2, :2],
         velocity_chi2=_chi2(state[2:4], D[2:4, 2:4]) if has_velocity else None,
         offset_db=float(state[-1]) if len(state) % 2 else None,
         linearised=linearised,

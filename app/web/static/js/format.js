@@ -15,6 +15,7 @@ const NO_FIX_REASONS = {
   degenerate_geometry: "The beacons heard stand in a line: the side of it cannot be told.",
   outside_mapped_area: "The phone seems to be outside the mapped area.",
   no_radio_map_or_beacons: "This site has no radio map and no beacons.",
+  no_beacons: "This profile needs beacons, and this site has none.",
   not_started: "Too little has been heard since the session began.",
   nothing_observed: "The phone has told nothing yet.",
 };
