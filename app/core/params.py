@@ -62,7 +62,8 @@ class MotionModeParams:
         Variance of the norm of the acceleration. Walking gives 2 to 10, a hand that holds a phone
         about 0.05, a table below 0.005.
     variance_time_s
-        Time constant of the running variance: about two steps.
+        Time constant of the running variance: about one step. With two the end of a walk is noticed
+        over 2 s late, later than a window lasts.
     walk_chi2, still_chi2
         ``v' D_vv^-1 v`` of the kinematic model: at rest chi-square with two degrees of freedom, so
         9.21 is passed by 1 % of windows and 4.61 by 10 %.
@@ -73,7 +74,7 @@ class MotionModeParams:
     step_hold_s: float = 1.5
     walk_variance_m2ps4: float = 0.8
     still_variance_m2ps4: float = 0.25
-    variance_time_s: float = 1.0
+    variance_time_s: float = 0.5
     walk_chi2: float = 9.21
     still_chi2: float = 4.61
     evidence_s: float = 4.0

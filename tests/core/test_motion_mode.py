@@ -72,6 +72,15 @@ def test_acceleration_alone_tells_the_mode():
     assert np.mean(right) >= 0.95
 
 
+def test_acceleration_alone_ends_walking_within_a_window():
+    rng = np.random.default_rng(10)
+    walked = block(100.0, walking=True, rng=rng, seconds=10.0)
+    state = decided(with_acceleration(MotionState(), walked, PARAMS), 110.0, PARAMS)
+    assert state.mode is MotionMode.WALKING
+    rested = with_acceleration(state, block(110.0, walking=False, rng=rng, seconds=1.6), PARAMS)
+    assert decided(rested, 111.6, PARAMS).mode is MotionMode.STILL
+
+
 def test_a_phone_at_rest_ends_walking_before_the_last_step_has_aged():
     rng = np.random.default_rng(9)
     state = with_step(MotionState(), 101.0)
