@@ -18,8 +18,8 @@ JsonOption = Annotated[
 ]
 
 
-NUMBER_WIDTH = 7
-"""A narrow terminal folds the names of figures, not the figures: 100.0 % has seven characters."""
+NAME_WIDTH, NUMBER_WIDTH = 20, 7
+"""A narrow terminal folds names, not figures: 100.0 % has seven characters."""
 
 
 def give(evaluation: Evaluation, json_file: Path | None) -> None:
@@ -41,9 +41,9 @@ def figures_table(evaluation: Evaluation) -> Table:
     """Return a table with a row per figure and a column per profile, method or statistic."""
     columns = {name: dict(flat(figures)) for name, figures in columns_of(evaluation).items()}
     table = Table(title=evaluation.dataset, caption=evaluation.protocol)
-    table.add_column("", overflow="fold")
+    table.add_column("", overflow="fold", min_width=NAME_WIDTH)
     for name in columns:
-        table.add_column(name, justify="right", min_width=NUMBER_WIDTH)
+        table.add_column(name, justify="right", overflow="fold", min_width=NUMBER_WIDTH)
     for row in dict.fromkeys(name for column in columns.values() for name in column):
         table.add_row(row, *(column.get(row, "") for column in columns.values()))
     return table

@@ -52,10 +52,12 @@ def _error_curves(tested: Sequence[tuple[Task, ScoredTrace]]) -> Figure:
     for profile in dict.fromkeys(task.profile for task, _ in tested):
         of_profile = (trace.walk for task, trace in tested if task.profile == profile)
         errors_m = [s.error_m for walk in of_profile for s in walk.seconds if s.error_m is not None]
-        axes.ecdf(errors_m, label=profile)
+        if errors_m:
+            axes.ecdf(errors_m, label=profile)
     axes.set(xlabel="error (m)", ylabel="share of seconds", xlim=(0.0, None))
     axes.grid(alpha=0.3)
-    axes.legend()
+    if axes.lines:
+        axes.legend()
     return figure
 
 

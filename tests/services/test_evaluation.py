@@ -1,6 +1,7 @@
 """What an evaluation asks, and what its map is made of."""
 
 import hashlib
+import math
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,9 @@ from app.formats.ms2020 import fold_of
 from app.formats.ms2020_site import BuildingFolder, FloorFolder
 from app.formats.ms2020_survey import SurveyWalk
 from app.services.errors import AppError
+from app.services.evaluation.figures import Evaluation
 from app.services.evaluation.ms2020 import TEST, TUNING, smallest_md5_share, tasks_of
+from app.services.evaluation.report import report_page
 
 
 def ids_of_fold(fold: int, count: int) -> list[str]:
@@ -39,6 +42,15 @@ def test_without_a_map_for_it_there_is_no_tuning() -> None:
 def test_a_building_without_traces_or_without_a_map_is_refused(fold: int) -> None:
     with pytest.raises(AppError, match="fold 0"):
         tasks_of(building(*ids_of_fold(fold, 3)), ["best"])
+
+
+def test_what_is_not_known_is_left_blank_in_the_page() -> None:
+    # Figures of a profile without a fix are NaN; as JSON, and read again, they are None.
+    for unknown in (math.nan, None):
+        figures = {"mean_error_m": unknown, "by_decile": (unknown, unknown), "fixes": 0}
+        page = report_page([Evaluation("kolakowski", "command", "protocol", {"best": figures})])
+        rows = [line for line in page.splitlines() if line.startswith("| `")]
+        assert rows == ["| `mean_error_m` |  |", "| `by_decile` |  |", "| `fixes` | 0 |"]
 
 
 def test_a_share_of_the_map_is_per_floor_and_by_md5() -> None:

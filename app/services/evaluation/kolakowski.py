@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from app.core.engine import advance, finish, smoothed, start
+from app.core.engine import PROFILES, advance, finish, smoothed, start
 from app.core.fingerprint.radio_map import Fingerprint, RadioMap, build_radio_map
 from app.core.lateration.windowed import Estimate, estimate
-from app.core.params import MatchParams, Params
+from app.core.params import MatchParams
 from app.core.radio.calibration import CalibrationParams
 from app.core.radio.path_loss import X, Y, level_model
 from app.core.radio.windows import window_of
@@ -20,8 +20,9 @@ from app.services.evaluation.figures import Evaluation, Figures, error_figures
 
 PROTOCOL = (
     "receivers calibrated and map surveyed on the calibration drive; asked at every row of the "
-    "test drive, causal, with the levels of the last 2 s; engine: the profile best, fed with the "
-    "same rows as scans, and its smoothed track; roles reversed, the robot transmits"
+    "test drive, causal, with the levels of the last 2 s; engine: the profiles best and "
+    "grinyak2018, fed with the same rows as scans, and their stored tracks; roles reversed, the "
+    "robot transmits"
 )
 WINDOW_S = 2.0
 TRANSMITTER_HEIGHT_M = 1.3
@@ -41,8 +42,9 @@ def evaluate(
     profiles = {
         "lateration": _figures(asked, _lateration(asked, known)),
         "fingerprint": _figures(asked, _fingerprint(asked, anchors, radio_map)),
-        "best_path_loss": _engine_figures(asked, _site(asked, known, None)),
-        "best_radio_map": _engine_figures(asked, _site(asked, anchors, radio_map)),
+        "best_path_loss": _engine_figures(asked, _site(asked, known, None), "best"),
+        "best_radio_map": _engine_figures(asked, _site(asked, anchors, radio_map), "best"),
+        "grinyak2018": _engine_figures(asked, _site(asked, known, None), "grinyak2018"),
     }
     return Evaluation("kolakowski", "pharos evaluate kolakowski DIR", PROTOCOL, profiles)
 
@@ -129,10 +131,10 @@ def _site(
     )
 
 
-def _engine_figures(asked: RobotRecording, site: SiteModel) -> Figures:
-    best = Params()
-    lateration = replace(best.lateration, phone_height_m=TRANSMITTER_HEIGHT_M)
-    params = replace(best, lateration=lateration)
+def _engine_figures(asked: RobotRecording, site: SiteModel, profile: str) -> Figures:
+    usual = PROFILES[profile].params
+    lateration = replace(usual.lateration, phone_height_m=TRANSMITTER_HEIGHT_M)
+    params = replace(usual, lateration=lateration)
     keys = range(asked.rssi_dbm.shape[1])
     scans = [
         BleScan(
@@ -141,14 +143,29 @@ def _engine_figures(asked: RobotRecording, site: SiteModel) -> Figures:
         )
         for time_s, row in zip(asked.time_s, asked.rssi_dbm, strict=True)
     ]
-    state, places = start(), []
+    state, answers = start(), []
     for scan in scans:
         state, _ = advance(state, scan, site, params)
         output = finish(state, site, params)[-1]
-        places.append((output.x_m, output.y_m) if isinstance(output, TrackPoint) else None)
+        answers.append(output if isinstance(output, TrackPoint) else None)
+    places = [None if answer is None else (answer.x_m, answer.y_m) for answer in answers]
     track = smoothed(scans, site, params)
     x_m, y_m, time_s = np.array([(p.x_m, p.y_m, p.time_s) for p in track]).T
     true_x_m = np.interp(time_s, asked.time_s, asked.x_m)
     true_y_m = np.interp(time_s, asked.time_s, asked.y_m)
     after = error_figures(np.hypot(x_m - true_x_m, y_m - true_y_m))
-    return {**_of_places(asked, places), "smoothed": after}
+    return {**_of_places(asked, places), **_coverage(asked, answers), "smoothed": after}
+
+
+def _coverage(asked: RobotRecording, answers: Sequence[TrackPoint | None]) -> Figures:
+    """Return the share of the truth inside the radius that is told for 95 %, and that radius."""
+    told = [
+        (np.hypot(answer.x_m - x_m, answer.y_m - y_m), answer.radius95_m)
+        for answer, x_m, y_m in zip(answers, asked.x_m, asked.y_m, strict=True)
+        if answer is not None
+    ]
+    errors_m, radii_m = np.array(told).reshape(-1, 2).T
+    return {
+        "coverage95": float(np.mean(errors_m <= radii_m)),
+        "mean_radius95_m": float(np.mean(radii_m)),
+    }

@@ -1,5 +1,6 @@
 """The page docs/accuracy.md, made of the figures that `pharos evaluate` wrote."""
 
+import math
 import textwrap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
@@ -33,8 +34,8 @@ three beacons are not asked; how many those are is in the table. How much latera
 trust outliers, the search box and far beacons was chosen with these scans at hand.""",
     "kolakowski": """A slow robot in a flat of 9 by 7 m with six receivers and walls on all sides;
 roles are reversed, the robot transmits. `lateration` and `fingerprint` see two seconds;
-`best_path_loss` and `best_radio_map` are the engine without any inertial sensor, and `smoothed` its
-stored track.""",
+`best_path_loss`, `best_radio_map` and the profile `grinyak2018` (path loss, too) are the engine
+without any inertial sensor, and `smoothed` its stored track; `grinyak2018` has no smoother.""",
     "ujiindoorloc": """Single Wi-Fi scans by many phones in three buildings, months after the
 survey: matching alone, no motion, no filter. The matcher runs with the parameters of the profile
 `best`; nothing was fitted here. `median_query_ms` is CPU time on the machine that made this
@@ -124,13 +125,13 @@ def flat(figures: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, st
         if isinstance(value, Mapping):
             yield from flat(value, f"{prefix}{name}.")
         elif isinstance(value, tuple | list):
-            yield f"{prefix}{name}", " ".join(f"{each:.2f}" for each in value)
+            yield f"{prefix}{name}", " ".join(_written("", each) for each in value).strip()
         else:
             yield f"{prefix}{name}", _written(prefix + name, value)
 
 
 def _written(name: str, value: float | None) -> str:
-    if value is None:
+    if value is None or math.isnan(value):
         return ""
     if isinstance(value, int):
         return f"{value}"
