@@ -2,17 +2,17 @@
 
 import pytest
 
-from app.core.engine import SessionState, advance, finish, start
-from app.core.params import Params
+from app.core.engine import PROFILES, SessionState, advance, finish, start
 from app.core.simulate import walk, warehouse
 from app.storage.codec import TreeCodec
 
 
+@pytest.mark.parametrize("profile", PROFILES)
 @pytest.mark.parametrize("imu", [False, True], ids=["phone steps", "imu"])
-def test_a_restored_state_has_the_same_future(imu):
+def test_a_restored_state_has_the_same_future(imu, profile):
     world = warehouse(4)
     observations = walk(world, 2, start_s=1_700_000_000.0, duration_s=30.0, imu=imu).observations
-    codec, params = TreeCodec(SessionState), Params()
+    codec, params = TreeCodec(SessionState), PROFILES[profile].params
     state = restored = start()
     for i, observation in enumerate(observations):
         if i % 7 == 0:
