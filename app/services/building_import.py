@@ -10,8 +10,8 @@ from sqlalchemy import Connection
 
 from app.core.fingerprint.radio_map import Fingerprint, RadioMap, build_radio_map, joined
 from app.core.fingerprint.survey import Place, chosen_keys, walk_fingerprints
-from app.core.fingerprint.virtual import virtual_fingerprints
-from app.core.params import MatchParams, VirtualParams
+from app.core.fingerprint.virtual import VirtualParams, virtual_fingerprints
+from app.core.params import MatchParams
 from app.core.types import FloatArray
 from app.formats.floor_map import parse_floor_map
 from app.formats.ms2020_site import BuildingFolder, FloorFolder
