@@ -21,7 +21,8 @@ from filterpy.kalman import ExtendedKalmanFilter
 from app.core import engine
 from app.core.engine import PROFILES, SessionState
 from app.core.engine.profiles import BEST, Stage
-from app.core.fusion.mixture import Mixture, diffuse, update, walk
+from app.core.fusion.particles import Particles, begin, diffuse, ground, update, walk
+from app.core.fusion.sighting import Sighting
 from app.core.params import Params
 from app.core.simulate import walk as simulated_walk
 from app.core.simulate import warehouse
@@ -116,13 +117,14 @@ def mean_us(step: Callable[[], object]) -> float:
 
 
 def filter_times_us() -> tuple[float, float]:
-    """Return a step and a scan with one candidate: our mixture, and filterpy's single EKF."""
-    begun = Mixture(np.zeros((1, 4)), np.eye(4)[None], np.ones(1))
-    places, weight, noise = np.zeros((1, 2)), np.ones(1), (9.0, 0.0, 9.0)
+    """Return a step and a scan with one candidate: all our particles, and filterpy's one EKF."""
+    floor = ground(None, 0.0)
+    seen = Sighting(0.0, np.zeros((1, 2)), np.ones(1), (9.0, 0.0, 9.0), np.ones(1))
+    begun = begin(seen, floor, PARAMS.fusion)
 
-    def ours() -> Mixture:
-        moved = diffuse(walk(begun, 0.7, 0.3, PARAMS.fusion), 0.01)
-        return update(moved, places, weight, noise, PARAMS.fusion)
+    def ours() -> Particles:
+        moved = diffuse(walk(begun, (0.7, 0.3), floor, PARAMS.fusion), 0.01, floor)
+        return update(moved, seen, floor, PARAMS.fusion)
 
     ekf = ExtendedKalmanFilter(dim_x=4, dim_z=2)
     ekf.R, observed = 9.0 * np.eye(2), np.eye(2, 4)

@@ -95,12 +95,13 @@ class MatchParams:
         Fewer fresh readings than this say too little to be a fingerprint or a query.
     ble_window_s
         Advertisements of this long are averaged: about ten at 3 to 5 Hz, 4 m at walking pace.
-    wifi_gap_s
-        A phone that scanned Wi-Fi this lately waits for its next scan: BLE alone tells less.
+    wifi_gap_s, wifi_start_s
+        A phone that scanned Wi-Fi this lately, or began this lately, waits for its next scan: BLE
+        alone tells less (ms2020: 11 m at a walk's first seconds, and not always the floor).
     wifi_floor_dbm, ble_floor_dbm
         Level that counts as not heard; just under what phones report at the weakest.
     sorensen_exponent, cosine_exponent, ble_exponent
-        Exponents of the representation; > 1 lets near transmitters decide (flat between 1.5 and 3).
+        Exponents of the representation; > 1 lets near transmitters decide (flat between 2 and 3).
     ble_gain
         Weight of the BLE distance against the two Wi-Fi ones (ms2020: 2 % better than without).
     k
@@ -117,58 +118,16 @@ class MatchParams:
     min_readings: int = 3
     ble_window_s: float = 3.0
     wifi_gap_s: float = 8.0
+    wifi_start_s: float = 3.0
     wifi_floor_dbm: float = -100.0
     ble_floor_dbm: float = -105.0
-    sorensen_exponent: float = 2.0
-    cosine_exponent: float = 1.5
+    sorensen_exponent: float = 2.5
+    cosine_exponent: float = 2.5
     ble_exponent: float = 2.0
-    ble_gain: float = 0.2
+    ble_gain: float = 0.3
     k: int = 15
-    softness: float = 0.05
+    softness: float = 0.07
     max_sorensen: float = 0.97
-
-
-@dataclass(frozen=True, slots=True)
-class VirtualParams:
-    """Virtual fingerprints (see `app.core.fingerprint.virtual`).
-
-    Fitted on ms2020 (folds 1 to 3 as queries in turn): mean error 7 % lower, 95th percentile 10 %.
-
-    Attributes
-    ----------
-    cell_m
-        Grid of walkable places that are looked at.
-    min_distance_m, max_distance_m
-        Nearer to a survey scan nothing is missing, farther nothing is known.
-    min_scans
-        Transmitters heard less often on a floor have no trend.
-    kernel_m
-        Width of the kernel over residuals: about the length over which shadowing stays alike.
-    shrinkage
-        Scans' worth of zero residual mixed in.
-    heard_share
-        Transmitters that a smaller share of the scans around heard are silent.
-    usual_loss_db, ridge, min_loss_db, max_loss_db
-        Loss per decade of distance: prior (path-loss exponent 2.5), its weight, bounds (1 to 4.5).
-    floor_dbm
-        Weaker levels are not heard.
-    min_transmitters
-        A virtual fingerprint of fewer would match anything.
-    """
-
-    cell_m: float = 3.0
-    min_distance_m: float = 2.0
-    max_distance_m: float = 25.0
-    min_scans: int = 4
-    kernel_m: float = 5.0
-    shrinkage: float = 0.5
-    heard_share: float = 0.15
-    usual_loss_db: float = 25.0
-    ridge: float = 0.5
-    min_loss_db: float = 10.0
-    max_loss_db: float = 45.0
-    floor_dbm: float = -95.0
-    min_transmitters: int = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -211,36 +170,39 @@ class StepParams:
 
 @dataclass(frozen=True, slots=True)
 class FusionParams:
-    """The Gaussian-sum filter over (x, y, heading bias, log step scale).
+    """The particle filter over (x, y, heading bias, step scale).
 
     Fitted together on ms2020 (folds 1 to 3 against maps of the other two); the error is flat within
     2 % over a factor of 2 in most of them.
 
     Attributes
     ----------
+    particles
+        Their number; 1000 instead of 300 gain nothing that can be seen on real walks.
     bias_prior_rad, bias_walk_rad
-        Angle between phone and walking direction: its spread over walks (11 to 14 degrees for a
+        Angle between phone and walking direction: its spread over walks (10 to 14 degrees for a
         phone held in the hand, some for the building's own frame), and its change per step.
-    scale_prior
-        Spread of the logarithm of a person's step length over the modelled one.
-    along_m, cross_m
-        Error of one step along and across its direction; larger than the sensors' own, since
-        successive scans err alike and must not be averaged for too long.
-    candidate_gate_m2
-        Added to a component's covariance when it weighs candidates: its own place may be wrong by
-        10 m before far candidates are discounted.
+    scale_prior, scale_walk
+        Spread of a person's step length over the modelled one, and its change per step.
+    length_noise_ratio, heading_noise_rad
+        Error of one step's length and direction; larger than the sensors' own, since successive
+        scans err alike and must not be averaged for too long.
     noise_m2, noise_sorensen
         Variance of candidates about the truth: noise (1 + noise_sorensen D1²), D1 the Sørensen
         distance of the nearest fingerprint (0.1 to 0.3 on a good map).
-    student_dof
-        Degrees of freedom of the Student weight: errors of fixes have heavy tails.
+    noise_beacons_m2
+        The same where only advertisements were matched: a few beacons tell a neighbourhood.
     clutter
         Likelihood per m² of candidates that have nothing to do with the place.
     tempering
-        Power of the likelihood in component weights; successive scans are not independent.
-    components, births, birth_share, merge_distance
-        Components kept; started anew from each scan, with this share of weight; merged when closer
-        than this many sigmas.
+        Power of a scan's likelihood; successive scans are not independent.
+    off_floor_weight, leave_floor_weight, far_off_m
+        Log weight lost per step and metre off the walkable floor, and per metre farther off it;
+        beyond ``far_off_m`` nothing more is lost: plans are not exact.
+    jitter_share, jitter_max_m, bias_jitter_share
+        How far a resampled copy moves, as a share of the cloud's spread, and at most.
+    birth_share
+        Share of particles that each scan starts anew.
     sensor_gap_s
         After so long without inertial samples their silence no longer means standing still.
     sway_m2ps, unseen_m2ps
@@ -248,29 +210,32 @@ class FusionParams:
         1 m²/s is a walker who turns at random every other second.
     lateration_inflation, lateration_floor_m2
         A lateration fix's covariance as the filter takes it: windows overlap by half (2), shadowing
-        errs alike for a second or two of walking (2), and the filter's covariances are wide by
-        1 / 0.3 (`ReportParams`).
+        errs alike for a second or two of walking (2).
     """
 
-    bias_prior_rad: float = 0.28
-    bias_walk_rad: float = 0.07
-    scale_prior: float = 0.15
-    along_m: float = 0.35
-    cross_m: float = 0.2
-    candidate_gate_m2: float = 80.0
-    noise_m2: float = 14.0
-    noise_sorensen: float = 300.0
-    student_dof: float = 8.0
-    clutter: float = 1e-4
-    tempering: float = 0.5
-    components: int = 8
-    births: int = 3
+    particles: int = 300
+    bias_prior_rad: float = 0.22
+    bias_walk_rad: float = 0.04
+    scale_prior: float = 0.05
+    scale_walk: float = 0.005
+    length_noise_ratio: float = 0.1
+    heading_noise_rad: float = 0.3
+    noise_m2: float = 5.0
+    noise_sorensen: float = 20.0
+    noise_beacons_m2: float = 60.0
+    clutter: float = 3e-4
+    tempering: float = 0.45
+    off_floor_weight: float = 0.05
+    leave_floor_weight: float = 1.0
+    far_off_m: float = 4.0
+    jitter_share: float = 0.2
+    jitter_max_m: float = 0.6
+    bias_jitter_share: float = 0.1
     birth_share: float = 0.01
-    merge_distance: float = 0.7
     sensor_gap_s: float = 3.0
     sway_m2ps: float = 0.002
     unseen_m2ps: float = 1.0
-    lateration_inflation: float = 12.0
+    lateration_inflation: float = 4.0
     lateration_floor_m2: float = 0.5
 
 
@@ -284,6 +249,12 @@ class SmootherParams:
         Each weighs candidates by the path of the one before; more gain nothing.
     start_m
         Spread of the first place about the guess: nothing is known of it.
+    bias_prior_rad, bias_walk_rad, scale_prior, along_m, cross_m
+        As in `FusionParams`, for a filter that is normal: wider, in place of its heavy tails.
+    noise_ratio
+        Covariance of a sighting over that of the filter, which keeps single candidates apart.
+    student_dof
+        Degrees of freedom of the Student weight: errors of fixes have heavy tails.
     gate_m2
         Added to the path's covariance when it weighs candidates.
     off_floor_m, pull_m
@@ -292,18 +263,26 @@ class SmootherParams:
     slope_step_m, least_slope_ratio
         The way to the floor is the slope of the distance raster over this step; where it is flatter
         than this (a ridge between two corridors) neither side is right.
-    covariance_scale
-        As `ReportParams.covariance_scale`, for smoothed points.
+    covariance_scale, extra_variance_m2
+        As in `ReportParams`, for smoothed points.
     """
 
     passes: int = 8
     start_m: float = 50.0
-    gate_m2: float = 20.0
+    bias_prior_rad: float = 0.28
+    bias_walk_rad: float = 0.07
+    scale_prior: float = 0.15
+    along_m: float = 0.35
+    cross_m: float = 0.2
+    noise_ratio: float = 16.0
+    student_dof: float = 8.0
+    gate_m2: float = 10.0
     off_floor_m: float = 0.5
     pull_m: float = 2.0
     slope_step_m: float = 1.0
     least_slope_ratio: float = 0.6
-    covariance_scale: float = 0.9
+    covariance_scale: float = 0.6
+    extra_variance_m2: float = 18.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -342,17 +321,17 @@ class ReportParams:
     fused_s
         Older than this, a scan no longer makes a point "fused": it is dead reckoning.
     covariance_scale, extra_variance_m2
-        Reported covariance = scale P + extra on each axis. The filter is most exact when it trusts
-        its scans less than their errors alone would say (they err alike for seconds), so P is too
-        wide; map and truth have errors of their own that it cannot know. Fitted on ms2020's tuning
-        walks: 95 % of the truth within ``radius95_m``, in every decile of the radius over 90 %.
+        Reported covariance = scale P + extra on each axis. Errors have heavier tails than the
+        cloud of particles, and map and truth have errors of their own that it cannot know. Fitted
+        on ms2020's tuning walks: 95 % of the truth within ``radius95_m``, in every decile of the
+        radius over 90 %.
     """
 
     silence_s: float = 10.0
     max_age_s: float = 60.0
     fused_s: float = 10.0
-    covariance_scale: float = 0.28
-    extra_variance_m2: float = 6.0
+    covariance_scale: float = 2.0
+    extra_variance_m2: float = 7.5
 
 
 def _best_lateration() -> LaterationParams:

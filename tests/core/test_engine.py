@@ -161,7 +161,7 @@ def test_a_phone_without_wifi_is_placed_by_beacons_after_a_while(small_site):
     _, outputs = fold(scans, small_site)
     placed = [o.time_s for o in outputs if isinstance(o, TrackPoint)]
     assert placed
-    assert placed[0] - T0 > PARAMS.match.wifi_gap_s
+    assert placed[0] - T0 > PARAMS.match.wifi_start_s
     assert abs(outputs[-1].x_m) < 3.0
 
 

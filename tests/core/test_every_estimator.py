@@ -55,10 +55,12 @@ def centroid(anchors: tuple[Anchor, ...], heard: Heard) -> Fix | NoFix:
     return weighted_centroid(window_of(*heard), level_model(anchors), NOW_S, CentroidParams())
 
 
-def fused(anchors: tuple[Anchor, ...], heard: Heard) -> Fix | NoFix:
+def fused(
+    anchors: tuple[Anchor, ...], heard: Heard, x_axis_from_east_rad: float = 0.0
+) -> Fix | NoFix:
     """The whole engine, fed with one advertisement scan per epoch."""
     floor = Floor("f", "Ground", "b", 0, 0.0, 0.0, 14.0, 11.0)
-    site = SiteModel("s", 1, (floor,), anchors)
+    site = SiteModel("s", 1, (floor,), anchors, x_axis_from_east_rad=x_axis_from_east_rad)
     state = start()
     for time_s in sorted(set(heard.time_s.tolist()) | {NOW_S}):
         of_epoch = np.flatnonzero(heard.time_s == time_s)
@@ -177,7 +179,12 @@ def test_a_moved_layout_carries_the_fix_along(name, place, seed, turn_rad, shift
     anchors = anchors_at(LAYOUT)
     heard = heard_at(anchors, place, seed)
     fix = located(name, anchors, heard)
-    turned = located(name, moved(anchors, turn_rad, shift), heard)
+    if name == "fused":
+        # The particles are drawn along east, so the engine is told where that is now.
+        turned = fused(moved(anchors, turn_rad, shift), heard, -turn_rad)
+        assert isinstance(turned, Fix)
+    else:
+        turned = located(name, moved(anchors, turn_rad, shift), heard)
     rotation = turning(turn_rad)
     x, y = rotation @ (fix.x_m, fix.y_m) + shift
     carried = rotation @ covariance(fix) @ rotation.T

@@ -15,8 +15,8 @@ from app.core.simulate import walk, warehouse
 from app.core.types import TrackPoint
 
 PARAMS = Params()
-PLAIN = dataclasses.replace(PARAMS.fusion, student_dof=1e12)
-ONCE = dataclasses.replace(PARAMS.smoother, passes=1)
+PLAIN = dataclasses.replace(PARAMS.smoother, student_dof=1e12, noise_ratio=1.0)
+ONCE = dataclasses.replace(PLAIN, passes=1)
 T0 = 1_700_000_000.0
 NONE = np.empty(0)
 
@@ -33,7 +33,7 @@ def guess(legs, place=(0.0, 0.0)):
 def test_a_random_walk_is_smoothed_as_filterpy_does():
     places = np.random.default_rng(1).normal(0.0, 5.0, (20, 2)).cumsum(axis=0)
     legs = [sighted(float(i), place) for i, place in enumerate(places)]
-    path = smooth(legs, guess(legs), PLAIN, ONCE)
+    path = smooth(legs, guess(legs), ONCE)
     oracle = KalmanFilter(dim_x=2, dim_z=2)
     oracle.x, oracle.P = np.zeros(2), np.eye(2) * ONCE.start_m**2
     oracle.F, oracle.H, oracle.Q = np.eye(2), np.eye(2), np.eye(2) * 1.5
@@ -53,7 +53,7 @@ def test_strides_between_two_sightings_tell_heading_and_length():
         sighted(10.0, (0.0, 16.0), tight, 0.0),
     ]
     legs[2] = dataclasses.replace(legs[2], length_m=stride[0], heading_rad=stride[1])
-    path = smooth(legs, guess(legs), PLAIN, ONCE)
+    path = smooth(legs, guess(legs), ONCE)
     assert path.place[0] == pytest.approx([0.0, 0.0], abs=1.0)
     assert path.place[1] == pytest.approx([0.0, 8.0], abs=2.0)
     assert path.place[2] == pytest.approx([0.0, 16.0], abs=1.0)
@@ -65,8 +65,8 @@ def test_a_path_off_the_floor_is_drawn_to_it():
     legs = [
         dataclasses.replace(sighted(float(i), (i - 5.0, 4.0)), walkable=corridor) for i in range(10)
     ]
-    free = smooth(legs, guess(legs), PLAIN, ONCE)
-    drawn = smooth(legs, guess(legs), PLAIN, PARAMS.smoother)
+    free = smooth(legs, guess(legs), ONCE)
+    drawn = smooth(legs, guess(legs), PLAIN)
     assert np.abs(free.place[:, 1]).min() > 3.0
     assert np.abs(drawn.place[:, 1]).mean() < np.abs(free.place[:, 1]).mean() - 1.0
     np.testing.assert_allclose(drawn.place[:, 0], free.place[:, 0], atol=0.3)

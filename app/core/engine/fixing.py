@@ -6,14 +6,15 @@ from functools import lru_cache
 
 import numpy as np
 
+from app.core.engine.standing import ground_of
 from app.core.engine.state import SessionState
 from app.core.fingerprint.matching import match
 from app.core.fingerprint.query import Query, first_of, fresh_wifi_dbm, mean_ble_dbm, within
-from app.core.fusion.mixture import Mixture, begin, update
+from app.core.fusion.particles import Particles, begin, update
 from app.core.fusion.sighting import Noise, Sighting
 from app.core.lateration.windowed import Estimate, estimate
 from app.core.motion.mode import decided, with_velocity
-from app.core.params import FusionParams, Params
+from app.core.params import FusionParams, MatchParams, Params
 from app.core.radio.path_loss import LevelModel, level_model
 from app.core.radio.windows import Window, of_anchors
 from app.core.site import SiteModel
@@ -36,6 +37,7 @@ def match_fingerprints(
 ) -> SessionState:
     """Match what is heard with the radio map: candidates for the floor vote and the filter."""
     radio_map = site.radio_map
+    is_first = state.wifi_s is None
     state = replace(state, wifi_s=scan.time_s)
     if radio_map is None:
         return state if site.anchors else _without(state, NoFixReason.NO_RADIO_MAP_OR_BEACONS)
@@ -48,6 +50,9 @@ def match_fingerprints(
         return _without(state, _too_few(scan, params.match.min_readings))
     recent = within(state.heard, scan.time_s, params.match.ble_window_s)
     query = Query(wifi_dbm, mean_ble_dbm(recent, choose))
+    if is_first and not site.anchors:
+        # What a few beacons told alone is so much less that it would only hold the filter back.
+        state = replace(state, track=None)
     return _match(state, query, scan.time_s, site, params)
 
 
@@ -60,16 +65,21 @@ def match_beacons(
     lateration does it instead.
     """
     radio_map = site.radio_map
-    began_s = scan.time_s if state.began_s is None else state.began_s
-    since_s = began_s if state.wifi_s is None else state.wifi_s
-    lately = scan.time_s - since_s <= params.match.wifi_gap_s
-    if radio_map is None or lately or len(state.window):
+    if radio_map is None or len(state.window) or _may_scan_wifi(state, scan.time_s, params.match):
         return state
     query = Query({}, mean_ble_dbm(state.heard, first_of(radio_map.column_by_key)))
     if len(query.ble_dbm) < params.match.min_readings:
         few = NoFixReason.TOO_FEW_TRANSMITTERS if query.ble_dbm else NoFixReason.NOTHING_HEARD
         return _without(state, few)
     return _match(state, query, scan.time_s, site, params)
+
+
+def _may_scan_wifi(state: SessionState, time_s: float, params: MatchParams) -> bool:
+    """Return whether a Wi-Fi scan is still to be expected, which tells far more."""
+    if state.wifi_s is not None:
+        return time_s - state.wifi_s <= params.wifi_gap_s
+    began_s = time_s if state.began_s is None else state.began_s
+    return time_s - began_s <= params.wifi_start_s
 
 
 def laterate(state: SessionState, scan: BleScan, site: SiteModel, params: Params) -> SessionState:
@@ -84,7 +94,7 @@ def laterate(state: SessionState, scan: BleScan, site: SiteModel, params: Params
     place = np.array([[found.fix.x_m, found.fix.y_m]])
     noise = _noise(found.fix, params)
     sighting = Sighting(scan.time_s, place, np.ones(1), noise, votes)
-    return replace(_correct(state, sighting, Method.LATERATION, params), used=found.fix.used)
+    return replace(_correct(state, sighting, Method.LATERATION, site, params), used=found.fix.used)
 
 
 def solve_window(
@@ -154,32 +164,35 @@ def _match(
         return _without(state, NoFixReason.OUTSIDE_MAPPED_AREA)
     votes = _sums(matches.floor_index, matches.weight, len(site.floors))
     belief = _believe(state, votes, time_s, params)
-    variance = _match_variance_m2(matches.nearest_sorensen, params.fusion)
+    variance = _match_variance_m2(query, matches.nearest_sorensen, params.fusion)
     places = np.column_stack([matches.x_m, matches.y_m])
     sighting = Sighting(time_s, places, matches.weight, (variance, 0.0, variance), votes)
-    state = _correct(state, sighting, Method.FINGERPRINT, params)
+    state = replace(state, floor_belief=belief)
+    state = _correct(state, sighting, Method.FINGERPRINT, site, params)
     heard = Used(beacons=len(query.ble_dbm), access_points=len(query.wifi_dbm))
-    return replace(state, floor_belief=belief, used=heard)
+    return replace(state, used=heard)
 
 
 def _correct(
-    state: SessionState, sighting: Sighting, method: Method, params: Params
+    state: SessionState, sighting: Sighting, method: Method, site: SiteModel, params: Params
 ) -> SessionState:
-    candidates = (sighting.places, sighting.weight, sighting.noise_m2, params.fusion)
-    if isinstance(state.track, Mixture):
-        track = update(state.track, *candidates)
+    floor = ground_of(state.floor_belief, site)
+    if isinstance(state.track, Particles):
+        track = update(state.track, sighting, floor, params.fusion)
         method = Method.FUSED
     else:
-        track = begin(*candidates)
+        track = begin(sighting, floor, params.fusion)
     evidence = replace(state.evidence, sighting=sighting)
     return replace(state, track=track, told_s=sighting.time_s, method=method, evidence=evidence)
 
 
-def _match_variance_m2(nearest_sorensen: float, params: FusionParams) -> float:
+def _match_variance_m2(query: Query, nearest_sorensen: float, params: FusionParams) -> float:
     """Return the variance of a fingerprint's candidates about the truth: R = r0 (1 + r1 D1²).
 
     The less the nearest fingerprint resembles what is heard, the farther the phone is from it.
     """
+    if not query.wifi_dbm:
+        return params.noise_beacons_m2
     return params.noise_m2 * (1.0 + params.noise_sorensen * nearest_sorensen**2)
 
 

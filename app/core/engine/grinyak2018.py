@@ -71,7 +71,9 @@ def pass_over_wifi(
     return state
 
 
-def stay(state: SessionState, stride: Stride, params: Grinyak2018Params) -> SessionState:
+def stay(
+    state: SessionState, stride: Stride, site: SiteModel, params: Grinyak2018Params
+) -> SessionState:
     """Leave the track where it is: a stride tells of motion, not of place."""
-    _ = stride, params
+    _ = stride, site, params
     return state

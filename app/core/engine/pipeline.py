@@ -26,11 +26,11 @@ def advance(
     profile = PROFILES[params.profile]
     state = replace(state, evidence=Evidence())
     state, outputs = _pass_time(state, time_s, site, params)
-    state = take_strides(state, time_s, profile.stride, params)
+    state = take_strides(state, time_s, profile.stride, site, params)
     for stage in profile.stages[type(observation)]:
         state = stage(state, observation, site, params)
     # Steps that the phone tells are over by the time it tells them.
-    state = take_strides(state, time_s, profile.stride, params)
+    state = take_strides(state, time_s, profile.stride, site, params)
     return (
         replace(
             state,
@@ -58,7 +58,7 @@ def end(
         return state, ()
     end_s = state.latest_s
     state, outputs = _pass_time(replace(state, evidence=Evidence()), end_s, site, params)
-    state = take_strides(state, end_s, PROFILES[params.profile].stride, params)
+    state = take_strides(state, end_s, PROFILES[params.profile].stride, site, params)
     return state, (*outputs, report(state, end_s, site, params))
 
 
@@ -76,7 +76,7 @@ def _pass_time(
     until_s = min(to_s, max(state.latest_s, state.now_s) + params.report.silence_s)
     second = math.ceil(state.now_s)
     while second < until_s:
-        state = take_strides(state, float(second), rule, params)
+        state = take_strides(state, float(second), rule, site, params)
         outputs.append(report(state, float(second), site, params))
         second += 1
     return state, tuple(outputs)

@@ -5,13 +5,13 @@ import math
 import numpy as np
 
 from app.core.engine.state import SessionState, Stride, Track
-from app.core.fusion.mixture import Mixture, moments
+from app.core.fusion.particles import Particles, moments, weights
 from app.core.types import FloatArray
 
 
 def place_of(track: Track) -> tuple[FloatArray, FloatArray]:
     """Return the place (2,) and its covariance (2, 2)."""
-    if isinstance(track, Mixture):
+    if isinstance(track, Particles):
         mean, covariance = moments(track)
         return mean[:2], covariance[:2, :2]
     return track.mean[:2], track.covariance[:2, :2]
@@ -19,8 +19,8 @@ def place_of(track: Track) -> tuple[FloatArray, FloatArray]:
 
 def places_of(track: Track) -> tuple[FloatArray, FloatArray]:
     """Return every place that the track holds possible (k, 2), and their weights (k,)."""
-    if isinstance(track, Mixture):
-        return track.mean[:, :2], track.weight
+    if isinstance(track, Particles):
+        return track.state[:, :2], weights(track)
     return track.mean[None, :2], np.ones(1)
 
 
@@ -29,9 +29,9 @@ def velocity_mps(state: SessionState) -> tuple[float, float]:
     track, stride = state.track, state.stride
     if track is None:
         return 0.0, 0.0
-    if isinstance(track, Mixture):
-        bias_rad, log_scale = moments(track)[0][2:]
-        return _of_stride(stride, float(bias_rad), math.exp(float(log_scale)))
+    if isinstance(track, Particles):
+        bias_rad, scale = moments(track)[0][2:]
+        return _of_stride(stride, float(bias_rad), float(scale))
     if len(track.mean) == 4:
         return float(track.mean[2]), float(track.mean[3])
     return _of_stride(stride, 0.0, 1.0)

@@ -20,7 +20,7 @@ from app.core.engine.walking import (
     sense_motion,
     spread_pedometer,
     take_phone_steps,
-    walk_mixture,
+    walk_particles,
 )
 from app.core.params import Params
 from app.core.site import SiteModel
@@ -70,7 +70,7 @@ MOTION: Stages = {
 """What motion sensors tell, the same for every profile."""
 
 BEST = Profile(
-    title="Candidates and lateration into a Gaussian-sum filter with dead reckoning",
+    title="Candidates and lateration into a particle filter with dead reckoning",
     source="Pharos",
     params=Params(),
     stages={
@@ -78,7 +78,7 @@ BEST = Profile(
         BleScan: (hear_beacons, slide_window, diffuse_unseen, match_beacons, laterate),
         WifiScan: (diffuse_unseen, match_fingerprints),
     },
-    stride=walk_mixture,
+    stride=walk_particles,
 )
 
 GRINYAK2018 = Profile(

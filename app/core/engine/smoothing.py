@@ -67,9 +67,7 @@ def smoothed(
 
 def _remember(history: _History, state: SessionState, time_s: float) -> None:
     evidence = state.evidence
-    guess = None
-    if state.track is not None:
-        guess = place_of(state.track)
+    guess = None if state.track is None else place_of(state.track)
     legs = [
         Leg(s.time_s, np.array([s.length_m]), np.array([s.heading_rad]), 0.0, None, None)
         for s in evidence.strides
@@ -91,7 +89,11 @@ def _placed(
     smoother: SmootherParams,
 ) -> tuple[TrackPoint, ...]:
     site, params = world
-    report = replace(params.report, covariance_scale=smoother.covariance_scale)
+    report = replace(
+        params.report,
+        covariance_scale=smoother.covariance_scale,
+        extra_variance_m2=smoother.extra_variance_m2,
+    )
     floors = _smoothed_floors(history, params)
     # Strides before the first sighting are on its floor.
     floor_of = [floors[max(count - 1, 0)] for count in history.sighted]
@@ -99,7 +101,7 @@ def _placed(
         replace(leg, walkable=site.floors[int(np.argmax(belief))].walkable)
         for leg, belief in zip(history.legs, floor_of, strict=True)
     ]
-    path = smooth(legs, _first_guess(history), params.fusion, smoother)
+    path = smooth(legs, _first_guess(history), smoother)
     times = [leg.time_s for leg in legs]
     placed = []
     for point in points:

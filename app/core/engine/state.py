@@ -5,7 +5,7 @@ from typing import TypeAlias
 
 from app.core.engine.order import OrderKey
 from app.core.fingerprint.query import Advertisement
-from app.core.fusion.mixture import Mixture
+from app.core.fusion.particles import Particles
 from app.core.fusion.planar import PlanarTrack
 from app.core.fusion.sighting import Sighting
 from app.core.motion.mode import MotionState
@@ -13,7 +13,7 @@ from app.core.motion.steps import StepDetector
 from app.core.radio.windows import Window
 from app.core.types import FloatArray, Method, NoFixReason, Used
 
-Track: TypeAlias = Mixture | PlanarTrack
+Track: TypeAlias = Particles | PlanarTrack
 """State of a profile's filter; a session keeps to one kind."""
 
 Memory: TypeAlias = None

@@ -5,8 +5,9 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, TypeAlias
 
+from app.core.engine.standing import ground_of
 from app.core.engine.state import SessionState, Stride
-from app.core.fusion.mixture import Mixture, diffuse, walk
+from app.core.fusion.particles import Particles, diffuse, walk
 from app.core.motion.mode import with_acceleration, with_step
 from app.core.motion.steps import detect_steps, step_length_m
 from app.core.params import Params
@@ -19,8 +20,8 @@ from app.core.types import (
     WifiScan,
 )
 
-StrideRule: TypeAlias = Callable[[SessionState, Stride, Any], SessionState]
-"""What one stride does to a profile's track, by its parameters."""
+StrideRule: TypeAlias = Callable[[SessionState, Stride, SiteModel, Any], SessionState]
+"""What one stride does to a profile's track: state, stride, site and its parameters."""
 
 
 def sense_motion(
@@ -94,16 +95,19 @@ def _on_plan(heading_rad: float, site: SiteModel) -> float:
     return heading_rad - site.x_axis_from_east_rad
 
 
-def walk_mixture(state: SessionState, stride: Stride, params: Params) -> SessionState:
-    """Move the Gaussian-sum filter by a stride."""
-    if not isinstance(state.track, Mixture):
+def walk_particles(
+    state: SessionState, stride: Stride, site: SiteModel, params: Params
+) -> SessionState:
+    """Move the particle filter by a stride."""
+    if not isinstance(state.track, Particles):
         return state
-    track = walk(state.track, stride.length_m, stride.heading_rad, params.fusion)
+    step = stride.length_m, stride.heading_rad
+    track = walk(state.track, step, ground_of(state.floor_belief, site), params.fusion)
     return replace(state, track=track)
 
 
 def take_strides(
-    state: SessionState, until_s: float, rule: StrideRule, params: Params
+    state: SessionState, until_s: float, rule: StrideRule, site: SiteModel, params: Params
 ) -> SessionState:
     """Move the filter by the strides whose time has come."""
     due = 0
@@ -114,7 +118,7 @@ def take_strides(
     taken, motion = state.pending[:due], state.motion
     for stride in taken:
         motion = with_step(motion, stride.time_s)
-        state = rule(state, stride, params)
+        state = rule(state, stride, site, params)
     return replace(
         state,
         motion=motion,
@@ -133,8 +137,7 @@ def diffuse_unseen(
     With an inertial sensor or a step counter no steps means no motion (but for a little sway);
     without one, or in a gap of it, the phone may have gone anywhere at walking pace.
     """
-    _ = site
-    if not isinstance(state.track, Mixture) or state.scanned_s is None:
+    if not isinstance(state.track, Particles) or state.scanned_s is None:
         return state
     elapsed_s = scan.time_s - state.scanned_s
     inertial = state.detector.end_s > scan.time_s - params.fusion.sensor_gap_s
@@ -142,4 +145,7 @@ def diffuse_unseen(
     rate = params.fusion.sway_m2ps if seen else params.fusion.unseen_m2ps
     drift_m2 = rate * elapsed_s
     evidence = replace(state.evidence, drift_m2=drift_m2)
-    return replace(state, track=diffuse(state.track, drift_m2), evidence=evidence)
+    if drift_m2 <= 0.0:
+        return replace(state, evidence=evidence)
+    track = diffuse(state.track, drift_m2, ground_of(state.floor_belief, site))
+    return replace(state, track=track, evidence=evidence)

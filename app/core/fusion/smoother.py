@@ -1,8 +1,8 @@
 """Fixed-interval smoothing of a whole track: every second told by everything before and after it.
 
-Forward an extended Kalman filter over (x, y, heading bias, log step scale) as in
-`app.core.fusion.mixture`, back the modified Bryson-Frazier recursion (Bierman 1973), which needs no
-inverse but that of the 2 x 2 innovation covariance S:
+Forward an extended Kalman filter over (x, y, heading bias, log step scale), the states of
+`app.core.fusion.particles`, back the modified Bryson-Frazier recursion (Bierman 1973), which needs
+no inverse but that of the 2 x 2 innovation covariance S:
 
     Λ̂ = Hᵀ S⁻¹ H + Cᵀ Λ̃ C,   λ̂ = -Hᵀ S⁻¹ y + Cᵀ λ̃,   C = I - K H
     Λ̃' = Fᵀ Λ̂ F,  λ̃' = Fᵀ λ̂;   smoothed mean = m - P λ̃,  covariance = P - P Λ̃ P
@@ -21,7 +21,7 @@ from numba import njit
 from app.core.fusion.sighting import Sighting
 from app.core.fusion.stride import take_stride
 from app.core.geometry import Walkable
-from app.core.params import FusionParams, SmootherParams
+from app.core.params import SmootherParams
 from app.core.types import FloatArray
 
 
@@ -55,7 +55,7 @@ class Path:
     covariance: FloatArray
 
 
-def smooth(legs: list[Leg], guess: Path, fusion: FusionParams, params: SmootherParams) -> Path:
+def smooth(legs: list[Leg], guess: Path, params: SmootherParams) -> Path:
     """Return the path of the legs, smoothed over all of them.
 
     Parameters
@@ -66,9 +66,9 @@ def smooth(legs: list[Leg], guess: Path, fusion: FusionParams, params: SmootherP
     path = guess
     strides = _strides(legs)
     prior = np.diag(
-        [params.start_m**2, params.start_m**2, fusion.bias_prior_rad**2, fusion.scale_prior**2]
+        [params.start_m**2, params.start_m**2, params.bias_prior_rad**2, params.scale_prior**2]
     )
-    noise = (fusion.along_m**2, fusion.cross_m**2, fusion.bias_walk_rad**2, fusion.student_dof)
+    noise = (params.along_m**2, params.cross_m**2, params.bias_walk_rad**2, params.student_dof)
     start = np.zeros(4)
     for i in range(params.passes):
         start[:2] = path.place[0]
@@ -104,7 +104,7 @@ def _measured(
         if leg.sighting is not None:
             gate = path.covariance[i] + params.gate_m2 * np.eye(2)
             seen[i, :2] = _seen_from(leg.sighting, path.place[i], gate)
-            seen[i, 2:] = leg.sighting.noise_m2
+            seen[i, 2:] = params.noise_ratio * np.asarray(leg.sighting.noise_m2)
         if draw and leg.walkable is not None:
             pull[i] = _pull(leg.walkable, path.place[i], params)
     return seen, pull

@@ -1,0 +1,341 @@
+"""Particle filter over (x, y, heading bias, step scale), fed with weighted candidates.
+
+Particles keep as many places alive as the scans leave open, and know where people can walk: neither
+is normal (Gordon, Salmond and Smith 1993). Per step of length l walked in the phone's direction h:
+
+    b += N(0, bias_walk²),   θ = h + b + N(0, heading_noise²)
+    x += l s (1 + N(0, length_noise²)) cos θ,   y += l s (1 + N(0, length_noise²)) sin θ
+
+with s the step scale. A particle d metres off the walkable floor loses ``off_floor_weight`` d of
+its log weight, and ``leave_floor_weight`` for each metre that the step took it farther off. Per
+scan with candidates c_i of weight w_i:
+
+    log w += tempering log(Σ w_i N(c_i; (x, y), R) + clutter)
+
+Draws are made along east and north, so a plan that is turned turns the particles with it.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+from numba import njit
+from numba.extending import register_jitable
+
+from app.core.fusion.draws import normal, uniform
+from app.core.fusion.sighting import Noise, Sighting
+from app.core.geometry import Walkable
+from app.core.params import FusionParams
+from app.core.types import FloatArray
+
+X, Y, BIAS, SCALE = range(4)
+
+DRAWS = 8
+"""Draws of one particle in one call, at most."""
+
+NEGLIGIBLE = 20.0
+"""Candidates this far off (half the squared sigmas) add less than a billionth: passed over."""
+
+RESAMPLE_SHARE = 0.5
+"""Resampling is due when fewer than this share of the particles carry the weight (customary)."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Particles:
+    """State of the filter.
+
+    Attributes
+    ----------
+    state : (n, 4)
+        x (m), y (m), heading bias (rad), step scale (ratio) of each particle.
+    log_weight : (n,)
+        Logarithms of their weights, the largest 0.
+    counter
+        Draws made so far; the next ones follow from it.
+    """
+
+    state: FloatArray
+    log_weight: FloatArray
+    counter: int
+
+
+class Ground(NamedTuple):
+    """What particles move on.
+
+    Attributes
+    ----------
+    distance_m : (rows, columns)
+        Distance to walkable floor (see `Walkable`).
+    frame
+        x and y of the raster's first cell, and the cell's edge, m.
+    east
+        Cosine and sine of the direction of east on the plan.
+    """
+
+    distance_m: FloatArray
+    frame: tuple[float, float, float]
+    east: tuple[float, float]
+
+
+Cloud: TypeAlias = tuple[FloatArray, FloatArray, FloatArray]
+"""Candidates (n, 2), their weights summed up (n,), and what turns two normal draws into an offset
+about a candidate (2, 2)."""
+
+Rules: TypeAlias = tuple[float, float, float]
+"""``off_floor_weight``, ``leave_floor_weight`` and ``far_off_m`` of `FusionParams`."""
+
+_EVERYWHERE = np.zeros((1, 1))
+
+
+def ground(walkable: Walkable | None, x_axis_from_east_rad: float) -> Ground:
+    """Return the ground of a floor; None: nobody said where people can walk."""
+    east = math.cos(x_axis_from_east_rad), -math.sin(x_axis_from_east_rad)
+    if walkable is None:
+        return Ground(_EVERYWHERE, (0.0, 0.0, 1.0), east)
+    return Ground(walkable.distance_m, (walkable.x0_m, walkable.y0_m, walkable.cell_m), east)
+
+
+def weights(particles: Particles) -> FloatArray:
+    """Return the particles' weights (n,), summing to 1."""
+    w = np.exp(particles.log_weight)
+    return np.asarray(w / w.sum())
+
+
+def moments(particles: Particles) -> tuple[FloatArray, FloatArray]:
+    """Return mean (4,) and covariance (4, 4) of all particles."""
+    w = weights(particles)
+    mean = w @ particles.state
+    apart = particles.state - mean
+    return mean, (apart.T * w) @ apart
+
+
+def begin(sighting: Sighting, floor: Ground, params: FusionParams, counter: int = 0) -> Particles:
+    """Return the filter's first state, drawn from the candidates of one scan.
+
+    ``counter`` is that of the particles before it, where the filter begins anew.
+    """
+    state = np.empty((params.particles, 4))
+    log_weight = np.zeros(params.particles)
+    _draw_all(state, _cloud(sighting, floor.east), _priors(params), counter)
+    _stand(state, log_weight, (params.leave_floor_weight, params.far_off_m), floor)
+    return _made(state, log_weight, counter)
+
+
+def walk(
+    particles: Particles, stride: tuple[float, float], floor: Ground, params: FusionParams
+) -> Particles:
+    """Return the particles after a step of a length (m) in a direction (rad).
+
+    A direction of nan spreads them in all directions.
+    """
+    state, log_weight = particles.state.copy(), particles.log_weight.copy()
+    noise = (
+        params.bias_walk_rad,
+        params.scale_walk,
+        params.length_noise_ratio,
+        params.heading_noise_rad,
+    )
+    rules = params.off_floor_weight, params.leave_floor_weight, params.far_off_m
+    _walk((state, log_weight), stride, (noise, rules), floor, particles.counter)
+    return _made(state, log_weight, particles.counter)
+
+
+def diffuse(particles: Particles, variance_m2: float, floor: Ground) -> Particles:
+    """Return the particles after unobserved motion of this variance per axis."""
+    state = particles.state.copy()
+    _shake(state, (math.sqrt(variance_m2), 0.0), floor.east, particles.counter)
+    return _made(state, particles.log_weight, particles.counter)
+
+
+def update(
+    particles: Particles, sighting: Sighting, floor: Ground, params: FusionParams
+) -> Particles:
+    """Return the particles after a scan: weighed, resampled where few are left, some born anew.
+
+    After systematic resampling each copy moves by a share ``jitter_share`` of the cloud's own
+    spread, or copies would stay one. A share ``birth_share`` starts anew from the candidates, so
+    that no place is ever ruled out.
+    """
+    state, log_weight = particles.state.copy(), particles.log_weight.copy()
+    rule = params.clutter, params.tempering
+    _weigh((state, log_weight), (sighting.places, sighting.weight), sighting.noise_m2, rule)
+    jitter = params.jitter_share, params.jitter_max_m, params.bias_jitter_share
+    state, log_weight = _resampled(state, log_weight, (jitter, floor.east), particles.counter)
+    born = int(params.birth_share * len(state))
+    cloud, counter = _cloud(sighting, floor.east), _after(particles.counter, len(state))
+    _bear((state, log_weight), born, (cloud, _priors(params)), counter)
+    return _made(state, log_weight, counter)
+
+
+def _cloud(sighting: Sighting, east: tuple[float, float]) -> Cloud:
+    """Return the candidates in the form that is drawn from; the factor's columns follow east."""
+    xx, xy, yy = sighting.noise_m2
+    turn = np.array([[east[0], -east[1]], [east[1], east[0]]])
+    factor = turn @ np.linalg.cholesky(turn.T @ np.array([[xx, xy], [xy, yy]]) @ turn)
+    return sighting.places, np.cumsum(sighting.weight), factor
+
+
+def _priors(params: FusionParams) -> tuple[float, float]:
+    return params.bias_prior_rad, params.scale_prior
+
+
+def _after(counter: int, count: int) -> int:
+    return counter + DRAWS * (count + 1)
+
+
+def _made(state: FloatArray, log_weight: FloatArray, counter: int) -> Particles:
+    return Particles(state, log_weight - log_weight.max(), _after(counter, len(state)))
+
+
+@register_jitable
+def _off_m(floor: Ground, x_m: float, y_m: float, far_m: float) -> float:
+    """Return how far a place is off the walkable floor, at most ``far_m``."""
+    distance_m, frame, _ = floor
+    rows, columns = distance_m.shape
+    column = math.floor((x_m - frame[0]) / frame[2] + 0.5)
+    row = math.floor((y_m - frame[1]) / frame[2] + 0.5)
+    off_m = distance_m[min(max(row, 0), rows - 1), min(max(column, 0), columns - 1)]
+    return float(min(off_m, far_m))
+
+
+@register_jitable
+def _draw(
+    one: FloatArray, share: float, cloud: Cloud, priors: tuple[float, float], at: int
+) -> None:
+    """Draw a particle about the candidate at a share of their weight."""
+    places, summed, factor = cloud
+    which = min(np.searchsorted(summed, share * summed[-1]), len(summed) - 1)
+    first, second = normal(at), normal(at + 1)
+    one[X] = places[which, 0] + factor[0, 0] * first + factor[0, 1] * second
+    one[Y] = places[which, 1] + factor[1, 0] * first + factor[1, 1] * second
+    one[BIAS] = priors[0] * normal(at + 2)
+    one[SCALE] = 1.0 + priors[1] * normal(at + 3)
+
+
+@njit(cache=True)
+def _draw_all(
+    state: FloatArray, cloud: Cloud, priors: tuple[float, float], at: int
+) -> None:  # pragma: no cover - compiled
+    count = len(state)
+    for k in range(count):
+        here = at + DRAWS * (k + 1)
+        _draw(state[k], (k + uniform(here)) / count, cloud, priors, here + 1)
+
+
+@njit(cache=True)
+def _stand(
+    state: FloatArray, log_weight: FloatArray, rule: tuple[float, float], floor: Ground
+) -> None:  # pragma: no cover - compiled
+    for k in range(len(state)):
+        log_weight[k] -= rule[0] * _off_m(floor, state[k, X], state[k, Y], rule[1])
+
+
+@njit(cache=True)
+def _walk(
+    particles: tuple[FloatArray, FloatArray],
+    stride: tuple[float, float],
+    rule: tuple[tuple[float, float, float, float], Rules],
+    floor: Ground,
+    at: int,
+) -> None:  # pragma: no cover - compiled
+    state, log_weight = particles
+    length_m, heading_rad = stride
+    (bias_walk, scale_walk, length_noise, heading_noise), (off_floor, leave_floor, far_m) = rule
+    lost = math.isnan(heading_rad)
+    for k in range(len(state)):
+        here, one = at + DRAWS * (k + 1), state[k]
+        before_m = _off_m(floor, one[X], one[Y], far_m)
+        one[BIAS] += bias_walk * normal(here)
+        one[SCALE] += scale_walk * normal(here + 1)
+        length = length_m * one[SCALE] * (1.0 + length_noise * normal(here + 2))
+        direction = heading_rad + one[BIAS] + heading_noise * normal(here + 3)
+        if lost:
+            direction = 2.0 * math.pi * uniform(here + 3) + math.atan2(floor[2][1], floor[2][0])
+        one[X] += length * math.cos(direction)
+        one[Y] += length * math.sin(direction)
+        off_m = _off_m(floor, one[X], one[Y], far_m)
+        log_weight[k] -= off_floor * off_m + leave_floor * max(off_m - before_m, 0.0)
+
+
+@njit(cache=True)
+def _weigh(
+    particles: tuple[FloatArray, FloatArray],
+    candidates: tuple[FloatArray, FloatArray],
+    noise_m2: Noise,
+    rule: tuple[float, float],
+) -> None:  # pragma: no cover - compiled
+    state, log_weight = particles
+    places, weight = candidates
+    xx, xy, yy = noise_m2
+    det = xx * yy - xy * xy
+    peak = 1.0 / (2.0 * math.pi * math.sqrt(det))
+    for k in range(len(state)):
+        likelihood = 0.0
+        for i in range(len(places)):
+            dx, dy = places[i, 0] - state[k, X], places[i, 1] - state[k, Y]
+            far = 0.5 * (yy * dx * dx - 2.0 * xy * dx * dy + xx * dy * dy) / det
+            if far < NEGLIGIBLE:
+                likelihood += weight[i] * math.exp(-far)
+        log_weight[k] += rule[1] * math.log(peak * likelihood + rule[0])
+
+
+@njit(cache=True)
+def _resampled(
+    state: FloatArray,
+    log_weight: FloatArray,
+    rule: tuple[tuple[float, float, float], tuple[float, float]],
+    at: int,
+) -> tuple[FloatArray, FloatArray]:  # pragma: no cover - compiled
+    (jitter, most_m, bias_jitter), east = rule
+    count = len(state)
+    w = np.exp(log_weight - log_weight.max())
+    w /= w.sum()
+    if RESAMPLE_SHARE * count * (w * w).sum() < 1.0:
+        return state, log_weight
+    spread = np.zeros(3)
+    for j in range(3):
+        mean = (w * state[:, j]).sum()
+        spread[j] = (w * (state[:, j] - mean) ** 2).sum()
+    copies = np.empty_like(state)
+    summed, source = w[0], 0
+    first = uniform(at)
+    for k in range(count):
+        while summed * count < k + first and source < count - 1:
+            source += 1
+            summed += w[source]
+        for j in range(4):
+            copies[k, j] = state[source, j]
+    sigma_m = min(jitter * math.sqrt(0.5 * (spread[X] + spread[Y])), most_m)
+    _shake(copies, (sigma_m, bias_jitter * math.sqrt(spread[BIAS])), east, at)
+    return copies, np.zeros(count)
+
+
+@njit(cache=True)
+def _shake(
+    state: FloatArray, sigma: tuple[float, float], east: tuple[float, float], at: int
+) -> None:  # pragma: no cover - compiled
+    for k in range(len(state)):
+        here = at + DRAWS * (k + 1)
+        along, across = sigma[0] * normal(here), sigma[0] * normal(here + 1)
+        state[k, X] += east[0] * along - east[1] * across
+        state[k, Y] += east[1] * along + east[0] * across
+        state[k, BIAS] += sigma[1] * normal(here + 2)
+
+
+@njit(cache=True)
+def _bear(
+    particles: tuple[FloatArray, FloatArray],
+    born: int,
+    drawn: tuple[Cloud, tuple[float, float]],
+    at: int,
+) -> None:  # pragma: no cover - compiled
+    """Replace particles here and there by new ones of mean weight."""
+    state, log_weight = particles
+    cloud, priors = drawn
+    mean = math.log(np.exp(log_weight).mean())
+    for b in range(born):
+        here = at + DRAWS * (b + 1)
+        k = int(uniform(here) * len(state))
+        _draw(state[k], uniform(here + 1), cloud, priors, here + 2)
+        log_weight[k] = mean
