@@ -166,11 +166,22 @@ def _match(
     belief = _believe(state, votes, time_s, params)
     variance = _match_variance_m2(query, matches.nearest_sorensen, params.fusion)
     places = np.column_stack([matches.x_m, matches.y_m])
-    sighting = Sighting(time_s, places, matches.weight, (variance, 0.0, variance), votes)
-    state = replace(state, floor_belief=belief)
-    state = _correct(state, sighting, Method.FINGERPRINT, site, params)
+    noise = (variance, 0.0, variance)
+    sighting = Sighting(time_s, places, matches.weight, noise, votes, matches.floor_index)
+    evidence = replace(state.evidence, sighting=sighting)
     heard = Used(beacons=len(query.ble_dbm), access_points=len(query.wifi_dbm))
-    return replace(state, used=heard)
+    return replace(state, floor_belief=belief, evidence=evidence, used=heard)
+
+
+def correct_particles(
+    state: SessionState, scan: BleScan | WifiScan, site: SiteModel, params: Params
+) -> SessionState:
+    """Update the particle filter by the candidates that were matched, or begin it there."""
+    _ = scan
+    sighting = state.evidence.sighting
+    if sighting is None:
+        return state
+    return _correct(state, sighting, Method.FINGERPRINT, site, params)
 
 
 def _correct(

@@ -4,7 +4,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
-from app.core.engine.fixing import laterate, match_beacons, match_fingerprints
+from app.core.engine.fixing import (
+    correct_particles,
+    laterate,
+    match_beacons,
+    match_fingerprints,
+)
 from app.core.engine.grinyak2018 import (
     Grinyak2018Params,
     locate_window,
@@ -75,8 +80,15 @@ BEST = Profile(
     params=Params(),
     stages={
         **MOTION,
-        BleScan: (hear_beacons, slide_window, diffuse_unseen, match_beacons, laterate),
-        WifiScan: (diffuse_unseen, match_fingerprints),
+        BleScan: (
+            hear_beacons,
+            slide_window,
+            diffuse_unseen,
+            match_beacons,
+            correct_particles,
+            laterate,
+        ),
+        WifiScan: (diffuse_unseen, match_fingerprints, correct_particles),
     },
     stride=walk_particles,
 )

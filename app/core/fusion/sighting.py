@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import TypeAlias
 
-from app.core.types import FloatArray
+from app.core.types import FloatArray, IntArray
 
 Noise: TypeAlias = tuple[float, float, float]
 """Covariance ``(xx, xy, yy)`` of a candidate about the truth, m²."""
@@ -21,6 +21,8 @@ class Sighting:
         Their weights, summing to 1.
     floor_votes : (floors,)
         How much speaks for each floor; any scale.
+    floor_index : (n,)
+        Floor of each candidate; None: all are on the floor that is believed in.
     """
 
     time_s: float
@@ -28,3 +30,4 @@ class Sighting:
     weight: FloatArray
     noise_m2: Noise
     floor_votes: FloatArray
+    floor_index: IntArray | None = None
