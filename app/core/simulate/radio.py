@@ -20,8 +20,8 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
-from app.core.simulate.building import STOREY_HEIGHT_M, STOREYS, walls_of
-from app.core.site import Wall
+from app.core.simulate.building import STOREY_HEIGHT_M
+from app.core.site import Floor, Wall
 from app.core.types import Anchor, FloatArray, IntArray
 
 CORRELATION_M = 4.0
@@ -48,6 +48,8 @@ class Transmitters:
         u*, d*, n, sigma.
     frequency : (n, F, 3), phase : (n, F)
         The shadowing fields.
+    walls : (w, 5), wall_start : (storeys + 1,)
+        What weakens a level on its way: x0, y0, x1, y1, dB, storey by storey.
     detection_dbm
         Quieter readings are not heard.
     """
@@ -57,6 +59,8 @@ class Transmitters:
     model: FloatArray
     frequency: FloatArray
     phase: FloatArray
+    walls: FloatArray
+    wall_start: IntArray
     detection_dbm: float
 
     def shadowing_db(self, points: FloatArray) -> FloatArray:
@@ -65,18 +69,21 @@ class Transmitters:
 
     def mean_levels_dbm(self, points: FloatArray) -> FloatArray:
         """Return levels before fading at (x, y, storey) points, shape (points, transmitters)."""
-        walls, wall_start = _WALLS
-        loss_db = _path_and_obstacle_loss_db(points, self.place, self.model, walls, wall_start)
+        loss_db = _path_and_obstacle_loss_db(
+            points, self.place, self.model, self.walls, self.wall_start
+        )
         return self.model[:, 0] - loss_db + self.shadowing_db(points)
 
 
 def transmitters(
     anchors: tuple[Anchor, ...],
-    floor_ids: tuple[str, ...],
+    floors: tuple[Floor, ...],
     detection_dbm: float,
     rng: np.random.Generator,
 ) -> Transmitters:
-    """Return transmitters with their shadowing fields drawn from ``rng``."""
+    """Return transmitters on floors, with their shadowing fields drawn from ``rng``."""
+    floor_ids = [floor.floor_id for floor in floors]
+    walls, wall_start = _wall_arrays([floor.walls for floor in floors])
     storey = [floor_ids.index(anchor.floor_id) for anchor in anchors]
     place = [
         (a.x_m, a.y_m, s * STOREY_HEIGHT_M + a.z_m, s) for a, s in zip(anchors, storey, strict=True)
@@ -92,6 +99,8 @@ def transmitters(
         model=np.array(model, dtype=np.float64),
         frequency=direction / (spread * CORRELATION_M),
         phase=rng.uniform(0.0, 2.0 * np.pi, (len(anchors), FEATURES)),
+        walls=walls,
+        wall_start=wall_start,
         detection_dbm=detection_dbm,
     )
 
@@ -106,10 +115,7 @@ def _wall_arrays(storeys: list[tuple[Wall, ...]]) -> tuple[FloatArray, IntArray]
     """Return all walls (x0, y0, x1, y1, dB) storey by storey, and where each storey begins."""
     rows = [(w.x0_m, w.y0_m, w.x1_m, w.y1_m, w.attenuation_db) for walls in storeys for w in walls]
     start = np.concatenate(([0], np.cumsum([len(walls) for walls in storeys])))
-    return np.array(rows, dtype=np.float64), start.astype(np.int64)
-
-
-_WALLS = _wall_arrays([walls_of(storey) for storey in STOREYS])
+    return np.array(rows, dtype=np.float64).reshape(-1, 5), start.astype(np.int64)
 
 
 @numba.njit(cache=True)

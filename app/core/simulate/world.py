@@ -68,8 +68,8 @@ class Warehouse:
         rng = np.random.default_rng(np.random.SeedSequence([self.seed, seed, 1]))
         places = list(_survey_places(spacing_m))
         points = np.array([(p.x_m, p.y_m, p.floor_index) for p, _ in places], dtype=np.float64)
-        wifi = _survey_levels(self.access_points, points, rng)
-        ble = _survey_levels(self.beacons, points, rng)
+        wifi = survey_levels(self.access_points, points, rng)
+        ble = survey_levels(self.beacons, points, rng)
         return tuple(
             Fingerprint(place.floor_index, place.x_m, place.y_m, wifi[i], ble[i], survey_walk)
             for i, (place, survey_walk) in enumerate(places)
@@ -103,8 +103,10 @@ def warehouse(seed: int) -> Warehouse:
     floor_ids = tuple(floor.floor_id for floor in bare.floors)
     graphs = {kind: route_graph(kind) for kind in ConnectorKind}
     graph = graphs[ConnectorKind.STAIRS]
-    beacons = transmitters(_beacons(floor_ids, graph, placing), floor_ids, -96.0, ble)
-    access_points = transmitters(_access_points(floor_ids, graph, placing), floor_ids, -92.0, wifi)
+    beacons = transmitters(_beacons(floor_ids, graph, placing), bare.floors, -96.0, ble)
+    access_points = transmitters(
+        _access_points(floor_ids, graph, placing), bare.floors, -92.0, wifi
+    )
     unmapped = Warehouse(
         seed, replace(bare, anchors=beacons.anchors), beacons, access_points, graphs
     )
@@ -217,7 +219,7 @@ def _as_floats(segment: Segment) -> Segment:
     return (float(x0), float(y0), float(x1), float(y1))
 
 
-def _survey_levels(
+def survey_levels(
     radio: Transmitters, points: FloatArray, rng: np.random.Generator
 ) -> list[dict[str, float]]:
     """Return per point the mean level of what was heard in a few scans, by most specific key."""
