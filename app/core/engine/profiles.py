@@ -27,6 +27,7 @@ from app.core.engine.walking import (
     take_phone_steps,
     walk_particles,
 )
+from app.core.engine.zhu2018 import Zhu2018Params, correct_scheduled, walk_scheduled
 from app.core.params import Params
 from app.core.site import SiteModel
 from app.core.types import Barometer, BleScan, ImuBlock, Pedometer, Steps, Truth, WifiScan
@@ -105,5 +106,17 @@ GRINYAK2018 = Profile(
     stride=stay,
 )
 
-PROFILES: dict[str, Profile] = {profile.name: profile for profile in (BEST, GRINYAK2018)}
+ZHU2018 = Profile(
+    title="Fingerprint fixes and a pedometer in a Kalman filter of scheduled variance",
+    source="Zhu, Wang, Chen, Fang, Zhang, Packaging Engineering 39(5), 2018",
+    params=Zhu2018Params(),
+    stages={
+        **MOTION,
+        BleScan: (hear_beacons, match_beacons, correct_scheduled),
+        WifiScan: (match_fingerprints, correct_scheduled),
+    },
+    stride=walk_scheduled,
+)
+
+PROFILES: dict[str, Profile] = {p.name: p for p in (BEST, GRINYAK2018, ZHU2018)}
 """Every profile by its name."""

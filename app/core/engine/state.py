@@ -7,6 +7,7 @@ from app.core.engine.order import OrderKey
 from app.core.fingerprint.query import Advertisement
 from app.core.fusion.particles import Particles
 from app.core.fusion.planar import PlanarTrack
+from app.core.fusion.scheduled import ScheduledMemory
 from app.core.fusion.sighting import Sighting
 from app.core.motion.mode import MotionState
 from app.core.motion.steps import StepDetector
@@ -16,7 +17,7 @@ from app.core.types import FloatArray, Method, NoFixReason, Used
 Track: TypeAlias = Particles | PlanarTrack
 """State of a profile's filter; a session keeps to one kind."""
 
-Memory: TypeAlias = None
+Memory: TypeAlias = ScheduledMemory | None
 """What a published profile remembers beside its track; a union of their own dataclasses."""
 
 
