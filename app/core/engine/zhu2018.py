@@ -48,8 +48,11 @@ class Zhu2018Params(Params):
     scheduled: ScheduledParams = field(default_factory=ScheduledParams)
 
 
-def walk_scheduled(state: SessionState, stride: Stride, params: Zhu2018Params) -> SessionState:
+def walk_scheduled(
+    state: SessionState, stride: Stride, site: SiteModel, params: Zhu2018Params
+) -> SessionState:
     """Move the filter by a stride; before the first fix there is none."""
+    _ = site
     if not isinstance(state.track, PlanarTrack) or not isinstance(state.memory, ScheduledMemory):
         return state
     step = (stride.time_s, stride.length_m, stride.heading_rad)
