@@ -25,7 +25,7 @@ def _published_match() -> MatchParams:
 
     Where a phone scans Wi-Fi it does so every 2 to 4 s; after that BLE does without.
     """
-    return MatchParams(ble_window_s=1.0, wifi_gap_s=4.0)
+    return MatchParams(ble_window_s=1.0, wifi_gap_s=4.0, wifi_start_s=4.0)
 
 
 def _published_report() -> ReportParams:
