@@ -25,6 +25,9 @@ import numpy as np
 from app.core.radio.path_loss import SIGMA, LevelModel, X, Y, level_gradients
 from app.core.types import FloatArray
 
+SINGULAR = 1e-9
+"""``det J`` below this share of ``(tr J)^2`` is rounding: the anchors heard lie on one line."""
+
 
 @dataclass(frozen=True, slots=True)
 class Schedule:
@@ -83,7 +86,7 @@ def predicted_covariance(
     h = np.where((distance <= reach_m)[..., None], h, 0.0)
     J = np.einsum("pia,pib->pab", h, h)
     det = J[:, 0, 0] * J[:, 1, 1] - J[:, 0, 1] ** 2
-    regular = det > 1e-9 * (J[:, 0, 0] + J[:, 1, 1]) ** 2
+    regular = det > SINGULAR * (J[:, 0, 0] + J[:, 1, 1]) ** 2
     D = np.full_like(J, np.inf)
     adjugate = np.stack((J[:, 1, 1], -J[:, 0, 1], -J[:, 0, 1], J[:, 0, 0]), -1).reshape(-1, 2, 2)
     factor = schedule.position_factor(kinematic=kinematic)

@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
+from app.core.radio.walls import crosses
 from app.core.simulate.building import STOREY_HEIGHT_M
 from app.core.site import Floor, Wall
 from app.core.types import Anchor, FloatArray, IntArray
@@ -119,18 +120,6 @@ def _wall_arrays(storeys: list[tuple[Wall, ...]]) -> tuple[FloatArray, IntArray]
 
 
 @numba.njit(cache=True)
-def _crosses(x: float, y: float, u: float, v: float, wall: FloatArray) -> bool:
-    """Return whether the segment (x, y)-(u, v) passes a wall: the ends lie on either side."""
-    wx, wy = wall[2] - wall[0], wall[3] - wall[1]
-    side_p = wx * (y - wall[1]) - wy * (x - wall[0])
-    side_q = wx * (v - wall[1]) - wy * (u - wall[0])
-    dx, dy = u - x, v - y
-    side_a = dx * (wall[1] - y) - dy * (wall[0] - x)
-    side_b = dx * (wall[3] - y) - dy * (wall[2] - x)
-    return bool(side_p * side_q < 0.0 and side_a * side_b < 0.0)
-
-
-@numba.njit(cache=True)
 def _path_and_obstacle_loss_db(
     points: FloatArray,
     place: FloatArray,
@@ -155,7 +144,7 @@ def _path_and_obstacle_loss_db(
             if apart < 1.0:
                 floor = int(place[t, 3])
                 for w in range(wall_start[floor], wall_start[floor + 1]):
-                    if _crosses(x, y, u, v, walls[w]):
+                    if crosses(x, y, u, v, walls[w]):
                         obstacles_db += walls[w, 4]
             ratio = max(distance_m / model[t, 1], 0.3)
             loss_db[p, t] = 10.0 * model[t, 2] * np.log10(ratio) + apart * SLAB_DB

@@ -1,0 +1,200 @@
+"""What a layout of anchors promises on a floor: predicted error cell by cell, anchor by anchor.
+
+Equation
+--------
+With ``h_i`` the gradient of anchor i's level over its shadowing, ``J(c) = sum h_i h_i'`` over the
+anchors heard in cell ``c`` (`app.core.radio.walls`) and ``f`` the factor of the window's schedule
+(`Schedule.position_factor`), the covariance of a fix in the cell is ``D = f J^-1`` and
+``sigma_xy = sqrt(tr D)``; infinite where what is heard leaves a direction open.
+
+Layouts are compared by one number that is finite even then: the mean over the cells of ``tr D``
+with a prior, ``D' = (J / f + I / s^2)^-1``, where ``2 s^2`` is the variance of a phone of which
+nothing is known but that it is on the floor. Where a fix is any good, ``D'`` is ``D``.
+
+Source: Grinyak, Grinyak, Tsybanov, The Territory of New Opportunities 10(2), 2018 (the matrix D);
+the prior is Bayes' rule for a Gaussian.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numba import njit
+from numba.extending import register_jitable
+
+from app.core.lateration.predicted import SINGULAR, Schedule
+from app.core.radio.path_loss import DZ2, SIGMA, SLOPE, LevelModel, X, Y, squared_distance
+from app.core.radio.walls import NO_WALLS, HearingParams, heard
+from app.core.types import BoolArray, FloatArray, IntArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Ground:
+    """The cells of a floor where people walk, and the walls between them.
+
+    Attributes
+    ----------
+    x_m, y_m : (cells,)
+        Centres, metres.
+    walls : (walls, 5)
+        See `app.core.radio.walls`.
+    """
+
+    x_m: FloatArray
+    y_m: FloatArray
+    walls: FloatArray = field(default_factory=NO_WALLS.copy)
+
+    @property
+    def prior_m2(self) -> float:
+        """Variance per axis of a phone that is anywhere on the floor."""
+        return max(float(np.var(self.x_m) + np.var(self.y_m)) / 2.0, 1.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Prediction:
+    """Predicted error per cell.
+
+    Attributes
+    ----------
+    static_m, kinematic_m : (cells,)
+        sigma_xy of a fix at rest and of one with an unknown velocity; infinite: no fix there.
+    in_range : (cells,)
+        Number of anchors heard.
+    """
+
+    static_m: FloatArray
+    kinematic_m: FloatArray
+    in_range: IntArray
+
+
+def predict(
+    ground: Ground, model: LevelModel, schedule: Schedule, hearing: HearingParams
+) -> Prediction:
+    """Return the predicted error of a layout."""
+    audible = heard(model, ground.x_m, ground.y_m, ground.walls, hearing)
+    unit_m2 = traces(information(model, ground, audible), 1.0, 0.0)
+    static, kinematic = (
+        np.sqrt(schedule.position_factor(kinematic=moving) * unit_m2) for moving in (False, True)
+    )
+    return Prediction(static, kinematic, audible.sum(axis=0))
+
+
+def information(model: LevelModel, ground: Ground, audible: BoolArray) -> FloatArray:
+    """Return J of one epoch in each cell.
+
+    Parameters
+    ----------
+    audible : (anchors, cells)
+        Whether an anchor is heard.
+
+    Returns
+    -------
+    (cells, 3)
+        ``J_xx, J_xy, J_yy``, 1/m^2.
+    """
+    J = np.zeros((len(ground.x_m), 3))
+    for row, of_one in zip(model.table, audible, strict=True):
+        _add_information(row, (ground.x_m, ground.y_m), of_one, J)
+    return J
+
+
+def traces(J: FloatArray, covariance_scale: float, prior_m2: float) -> FloatArray:
+    """Return ``tr (J / f + I / s^2)^-1`` in each cell, m^2.
+
+    Parameters
+    ----------
+    J : (cells, 3)
+        Information of one epoch.
+    covariance_scale
+        f, what `Schedule.position_factor` gives.
+    prior_m2
+        s^2; 0: without a prior, infinite where J is singular.
+    """
+    prior = 1.0 / prior_m2 if prior_m2 > 0.0 else 0.0
+    return np.asarray(_traces(J, covariance_scale, prior))
+
+
+def leave_one_out_m2(
+    model: LevelModel, ground: Ground, audible: BoolArray, covariance_scale: float, prior_m2: float
+) -> FloatArray:
+    """Return `traces` of the layout without each of its anchors in turn, (anchors, cells).
+
+    What the others tell is added up from both ends of the list, never taken off the whole: beside
+    an anchor the difference would be rounding.
+    """
+    prior = 1.0 / prior_m2 if prior_m2 > 0.0 else 0.0
+    places = (ground.x_m, ground.y_m)
+    return np.asarray(_leave_one_out(model.table, places, audible, (covariance_scale, prior)))
+
+
+@register_jitable
+def gradient(row: FloatArray, x: float, y: float) -> tuple[float, float]:
+    """Return an anchor's level gradient at a place over its shadowing, 1/m (kernels)."""
+    dx, dy = x - row[X], y - row[Y]
+    slope = -row[SLOPE] / (row[SIGMA] * squared_distance(dx, dy, row[DZ2]))
+    return slope * dx, slope * dy
+
+
+@register_jitable
+def trace(xx: float, xy: float, yy: float, factor: float, prior: float) -> float:
+    """Return ``tr (J / f + I prior)^-1`` (kernels)."""
+    a, b, c = xx / factor + prior, xy / factor, yy / factor + prior
+    det = a * c - b * b
+    if prior == 0.0:
+        if det <= SINGULAR * (a + c) * (a + c):
+            return np.inf
+    else:
+        det = max(det, prior * prior)
+    return float((a + c) / det)
+
+
+@njit(cache=True, nogil=True)
+def _add_information(
+    row: FloatArray, places: tuple[FloatArray, FloatArray], audible: BoolArray, J: FloatArray
+) -> None:
+    x, y = places
+    for c in range(len(x)):
+        if audible[c]:
+            hx, hy = gradient(row, x[c], y[c])
+            J[c, 0] += hx * hx
+            J[c, 1] += hx * hy
+            J[c, 2] += hy * hy
+
+
+@njit(cache=True, nogil=True)
+def _traces(J: FloatArray, factor: float, prior: float) -> FloatArray:
+    out = np.empty(len(J))
+    for c in range(len(J)):
+        out[c] = trace(J[c, 0], J[c, 1], J[c, 2], factor, prior)
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _leave_one_out(
+    table: FloatArray,
+    places: tuple[FloatArray, FloatArray],
+    audible: BoolArray,
+    scale: tuple[float, float],
+) -> FloatArray:
+    x, y = places
+    factor, prior = scale
+    n = len(table)
+    out = np.empty((n, len(x)))
+    after = np.zeros((n + 1, 3))
+    for c in range(len(x)):
+        for i in range(n - 1, -1, -1):
+            after[i] = after[i + 1]
+            if audible[i, c]:
+                hx, hy = gradient(table[i], x[c], y[c])
+                after[i, 0] += hx * hx
+                after[i, 1] += hx * hy
+                after[i, 2] += hy * hy
+        xx = xy = yy = 0.0
+        for i in range(n):
+            rest = after[i + 1]
+            out[i, c] = trace(xx + rest[0], xy + rest[1], yy + rest[2], factor, prior)
+            if audible[i, c]:
+                hx, hy = gradient(table[i], x[c], y[c])
+                xx += hx * hx
+                xy += hx * hy
+                yy += hy * hy
+    return out

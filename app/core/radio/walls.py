@@ -1,0 +1,142 @@
+"""Which anchors are heard where: the level behind walls against a hearing threshold.
+
+Equation
+--------
+Every wall ``w`` that the straight line from anchor to phone crosses takes its loss off the level
+(multi-wall model)::
+
+    u(p) = u* - 10 n log10(d / d*) - sum_w L_w,      heard where  u(p) >= u_min  and  d_xy <= reach
+
+A wall changes only *which* anchors are heard. The loss is the same on both sides of a step, so the
+slope of a level over the place, and with it what one reading tells, stays that of the log-distance
+model. The line is drawn in the plane: walls reach from floor to ceiling. An anchor that hangs in a
+wall is heard on both sides of it. Losses add up without bound, so behind many walls, where the way
+around them is louder, the model is pessimistic.
+
+Source: Motley and Keenan 1988; the multi-wall model of COST 231, final report 1999, ch. 4.7,
+without its floor term.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numba.extending import register_jitable
+
+from app.core.radio.path_loss import (
+    DZ2,
+    INTERCEPT,
+    SLOPE,
+    LevelModel,
+    X,
+    Y,
+    squared_distance,
+)
+from app.core.types import BoolArray, FloatArray
+
+# Columns of a wall's row: its ends, metres, and what it takes from a level, dB.
+X0, Y0, X1, Y1, LOSS = range(5)
+
+NO_WALLS: FloatArray = np.empty((0, 5))
+
+
+@dataclass(frozen=True, slots=True)
+class HearingParams:
+    """When an anchor counts as heard.
+
+    Attributes
+    ----------
+    threshold_dbm
+        Weakest level that is reported: phones report advertisements down to -95 to -100 dBm.
+    reach_m
+        Anchors farther than this, in the plane, are not used at all.
+    """
+
+    threshold_dbm: float = -95.0
+    reach_m: float = np.inf
+
+
+@register_jitable
+def crosses(x: float, y: float, u: float, v: float, wall: FloatArray) -> bool:
+    """Return whether the segment (x, y)-(u, v) passes a wall: the ends lie on either side."""
+    wx, wy = wall[2] - wall[0], wall[3] - wall[1]
+    side_p = wx * (y - wall[1]) - wy * (x - wall[0])
+    side_q = wx * (v - wall[1]) - wy * (u - wall[0])
+    dx, dy = u - x, v - y
+    side_a = dx * (wall[1] - y) - dy * (wall[0] - x)
+    side_b = dx * (wall[3] - y) - dy * (wall[2] - x)
+    return bool(side_p * side_q < 0.0 and side_a * side_b < 0.0)
+
+
+def heard(
+    model: LevelModel, x_m: FloatArray, y_m: FloatArray, walls: FloatArray, params: HearingParams
+) -> BoolArray:
+    """Return whether each anchor is heard at each place.
+
+    Parameters
+    ----------
+    x_m, y_m : (places,)
+    walls : (walls, 5)
+        Ends (m) and loss (dB) of each wall.
+
+    Returns
+    -------
+    (anchors, places)
+    """
+    found = np.empty((model.anchors, len(x_m)), dtype=np.bool_)
+    for row, range_m, audible in zip(model.table, _ranges_m(model, params), found, strict=True):
+        near = walls[_within(walls, row[X], row[Y], range_m)]
+        _heard_of_one(row, (x_m, y_m), near, (params.threshold_dbm, params.reach_m), audible)
+    return found
+
+
+def crossing_tests(
+    model: LevelModel, x_m: FloatArray, y_m: FloatArray, walls: FloatArray, params: HearingParams
+) -> int:
+    """Return how many pairs of line and wall `heard` looks at, at most: what its time goes with."""
+    range_m = _ranges_m(model, params)
+    total = 0
+    for row, limit_m in zip(model.table, range_m, strict=True):
+        places = np.hypot(x_m - row[X], y_m - row[Y]) <= limit_m
+        total += int(places.sum()) * int(_within(walls, row[X], row[Y], limit_m).sum())
+    return total
+
+
+def _ranges_m(model: LevelModel, params: HearingParams) -> FloatArray:
+    """Return how far each anchor is heard without walls, (anchors,)."""
+    margin_db = model.table[:, INTERCEPT] - params.threshold_dbm
+    # Beyond any floor; keeps a steep exponent of a loud anchor from overflowing.
+    nepers = np.minimum(margin_db / model.table[:, SLOPE], 30.0)
+    return np.asarray(np.minimum(np.exp(nepers), params.reach_m))
+
+
+def _within(walls: FloatArray, x_m: float, y_m: float, range_m: float) -> BoolArray:
+    """Return which walls' bounding boxes come within a range of a place."""
+    dx = np.maximum(np.minimum(walls[:, X0], walls[:, X1]) - x_m, 0.0)
+    dx = np.maximum(dx, x_m - np.maximum(walls[:, X0], walls[:, X1]))
+    dy = np.maximum(np.minimum(walls[:, Y0], walls[:, Y1]) - y_m, 0.0)
+    dy = np.maximum(dy, y_m - np.maximum(walls[:, Y0], walls[:, Y1]))
+    return np.asarray(np.hypot(dx, dy) <= range_m)
+
+
+@njit(cache=True, nogil=True)
+def _heard_of_one(
+    row: FloatArray,
+    places: tuple[FloatArray, FloatArray],
+    walls: FloatArray,
+    bounds: tuple[float, float],
+    audible: BoolArray,
+) -> None:
+    """Fill whether one anchor (a row of `LevelModel.table`) is heard at each place."""
+    x, y = places
+    threshold, reach = bounds
+    for c in range(len(x)):
+        dx, dy = x[c] - row[X], y[c] - row[Y]
+        squared = squared_distance(dx, dy, row[DZ2])
+        margin = row[INTERCEPT] - threshold - 0.5 * row[SLOPE] * np.log(squared)
+        for w in range(len(walls)):
+            if margin < 0.0:
+                break
+            if crosses(x[c], y[c], row[X], row[Y], walls[w]):
+                margin -= walls[w, LOSS]
+        audible[c] = margin >= 0.0 and dx * dx + dy * dy <= reach * reach
