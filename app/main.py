@@ -18,6 +18,7 @@ from app.core.engine import warm_up
 from app.services.first_start import make_first_token
 from app.services.housekeeping import Housekeeping, Retention
 from app.services.ingest import IngestService
+from app.services.planning_queue import PlanQueue
 from app.services.site import SiteDirectory
 from app.services.tokens import Authenticator
 from app.sessions.hub import Hub
@@ -143,6 +144,7 @@ def _build(settings: Settings, database: Database, clock: Clock) -> tuple[ApiCon
             clock,
             settings.token_cache_s,
         ),
+        plans=PlanQueue(),
         limits=ApiLimits(
             settings.max_body_bytes, settings.max_decoded_bytes, settings.max_gzip_ratio
         ),

@@ -6,6 +6,7 @@ from typing import cast
 from starlette.requests import HTTPConnection
 
 from app.services.ingest import IngestService
+from app.services.planning_queue import PlanQueue
 from app.services.site import SiteDirectory
 from app.services.tokens import Authenticator
 from app.sessions.hub import Hub
@@ -34,6 +35,7 @@ class ApiContext:
     hub: Hub
     ingest: IngestService
     authenticator: Authenticator
+    plans: PlanQueue
     limits: ApiLimits
     cors_origins: tuple[str, ...]
     login_s: float

@@ -63,6 +63,18 @@ EXAMPLES: dict[tuple[str, str], Example] = {
         "z": 2.4,
         "ref_level_dbm": -61,
     },
+    ("post", "/v1/floors/{floor_id}/predicted-accuracy"): {
+        "beacons": [{"x": 3.5, "y": 12}, {"x": 56, "y": 4}, {"x": 30, "y": 36}],
+        "noise_db": 5,
+        "path_loss_exponent": 2,
+        "epochs": 28,
+        "period_s": 0.07,
+        "cell_m": 1,
+        "bound_m": 3,
+        "materials": {"glass": 2.5},
+        "drop_one": True,
+        "add": 1,
+    },
     ("put", "/v1/beacons/{beacon_id}"): {
         "kind": "ble",
         "keys": ["mac:c2007d0000aa"],

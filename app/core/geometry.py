@@ -38,6 +38,13 @@ class Walkable:
         row = min(max(round((y_m - self.y0_m) / self.cell_m), 0), rows - 1)
         return float(self.distance_m[row, column])
 
+    def distances_at(self, x_m: FloatArray, y_m: FloatArray) -> FloatArray:
+        """Return `distance_at` of many places; x and y have one shape."""
+        rows, columns = self.distance_m.shape
+        column = np.clip(np.rint((x_m - self.x0_m) / self.cell_m), 0, columns - 1)
+        row = np.clip(np.rint((y_m - self.y0_m) / self.cell_m), 0, rows - 1)
+        return np.asarray(self.distance_m[row.astype(np.intp), column.astype(np.intp)])
+
     def cells(self, spacing_m: float) -> FloatArray:
         """Return walkable places (n, 2) on a grid of about this spacing, row by row."""
         stride = max(round(spacing_m / self.cell_m), 1)

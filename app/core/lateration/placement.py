@@ -127,7 +127,8 @@ class _Search:
         """Return up to ``count`` candidates, each the best after those before it."""
         chosen: list[int] = []
         J = self._present.copy()
-        while len(chosen) < count and _excess(J, self._scale) > 0.0:
+        most = min(count, self._model.anchors)
+        while len(chosen) < most and _excess(J, self._scale) > 0.0:
             best, gain = self._best(J, chosen)
             if gain <= 0.0:
                 break
@@ -157,9 +158,7 @@ class _Search:
                 return None
         return trial
 
-    def _exchanged(
-        self, trial: list[int], place: int, excess_m2: float
-    ) -> tuple[list[int], float]:
+    def _exchanged(self, trial: list[int], place: int, excess_m2: float) -> tuple[list[int], float]:
         """Return the layout with one candidate replaced by the best, if that is better."""
         self._scans += 1
         others = [c for i, c in enumerate(trial) if i != place]
