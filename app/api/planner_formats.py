@@ -73,7 +73,7 @@ def _figures(figures: Figures) -> dict[str, float | None]:
         "median": _finite(figures.median_m),
         "max": _finite(figures.max_m),
         "share_below": round(figures.below_share, 4),
-        "mean_variance_m2": round(figures.variance_m2, 4),
+        "mean_variance_m2": _finite(figures.variance_m2),
     }
 
 
@@ -83,7 +83,7 @@ def _step(step: Step) -> dict[str, Any]:
 
 def _cover(cover: CoverPlan) -> dict[str, Any]:
     return {
-        "bound_m": cover.bound_m,
+        "bound_m": cover.figures.bound_m,
         "reached": cover.reached,
         "beacons": [_beacon(anchor) for anchor in cover.anchors],
         **_figures(cover.figures),
@@ -103,8 +103,8 @@ def _grid(
     return [[value if math.isfinite(value) else None for value in row] for row in rows]
 
 
-def _finite(value_m: float) -> float | None:
-    return round(value_m, 4) if math.isfinite(value_m) else None
+def _finite(value: float) -> float | None:
+    return round(value, 4) if math.isfinite(value) else None
 
 
 def _cell_features(

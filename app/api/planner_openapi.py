@@ -13,7 +13,7 @@ _FIGURES: Schema = {
     "median": _NULLABLE,
     "max": {**_NULLABLE, "description": "null: there is no fix in some cells"},
     "share_below": {**_NUMBER, "description": "Share of the floor at or below `bound_m`"},
-    "mean_variance_m2": {**_NUMBER, "description": "Mean of trace D; what searches make small"},
+    "mean_variance_m2": {**_NULLABLE, "description": "Mean of trace D over the floor"},
 }
 _GRID: Schema = {"type": "array", "items": {"type": "array", "items": _NULLABLE}}
 _BEACON: Schema = {"id": {"type": "string"}, "x": _NUMBER, "y": _NUMBER}

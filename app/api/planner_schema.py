@@ -54,7 +54,7 @@ class PlanFields(StrictModel):
     cell_m: Annotated[float, Field(ge=0.05, le=50, description="Edge of a cell")] = 0.5
     bound_m: Annotated[Bound, Field(description="Bound that `share_below` counts against")] = 2.0
     hearing_threshold_dbm: Annotated[Level, Field(description="Weakest level that is heard")] = (
-        HearingParams.threshold_dbm
+        HearingParams().threshold_dbm
     )
     reach_m: Annotated[Size | None, Field(description="Beacons farther away do not count")] = None
     phone_height_m: Metres = 0.0

@@ -20,6 +20,7 @@ cli = typer.Typer(
                 "app.cli.evaluate:evaluating",
                 "Measure accuracy on public data sets.",
             ),
+            "plan": ("app.cli.plan:plan", "Predict the error of a layout of beacons."),
             "import": ("app.cli.imports:importing", "Bring in sites, beacons and fingerprints."),
             "token": ("app.cli.token:tokens", "Make, list and revoke access tokens."),
             "migrate": ("app.cli.migrate:migrate", "Bring the database to this version's schema."),

@@ -1,6 +1,6 @@
 """The deployment planner: what a layout of beacons promises on a floor, and how to better it."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TypeAlias
 
@@ -99,12 +99,13 @@ class Figures:
     """Predicted error over the floor; infinite where there is no fix.
 
     ``below_share`` is the share of the cells at or below the bound, ``variance_m2`` the mean of
-    trace D with a prior (`app.core.lateration.planning`).
+    trace D over the cells.
     """
 
     min_m: float
     median_m: float
     max_m: float
+    bound_m: float
     below_share: float
     variance_m2: float
 
@@ -119,9 +120,8 @@ class Step:
 
 @dataclass(frozen=True, slots=True)
 class CoverPlan:
-    """Beacons that keep a bound everywhere, if ``reached``."""
+    """Beacons to add for a bound, which is kept everywhere with them if ``reached``."""
 
-    bound_m: float
     reached: bool
     anchors: tuple[Anchor, ...]
     figures: Figures
@@ -203,48 +203,43 @@ class _Planner:
         self.prediction = predict(self._ground, self._model, request.schedule, hearing)
         self._scale = self._covariance_scale(kinematic=request.tasks.kinematic)
 
-    def figures(self, J: FloatArray, *, kinematic: bool) -> Figures:  # noqa: N803 - as in core
-        scale = self._covariance_scale(kinematic=kinematic)
-        prior_m2 = self._ground.prior_m2
-        return self._figures(traces(J, scale, 0.0), traces(J, scale, prior_m2))
+    def figures(
+        self, epoch: FloatArray, *, kinematic: bool, bound_m: float | None = None
+    ) -> Figures:
+        """Return the error that an epoch's information (cells, 3) leaves."""
+        trace_m2 = traces(epoch, self._covariance_scale(kinematic=kinematic), 0.0)
+        return _figures(trace_m2, self._request.bound_m if bound_m is None else bound_m)
 
     def dropped(self) -> tuple[Step, ...]:
+        """Return the layout without each beacon, the most missed first."""
         model, ground, audible = self._model, self._ground, self._audible
-        free = leave_one_out_m2(model, ground, audible, self._scale, 0.0)
-        bounded = leave_one_out_m2(model, ground, audible, self._scale, ground.prior_m2)
-        steps = [
-            Step(anchor, self._figures(alone, with_prior))
-            for anchor, alone, with_prior in zip(self._request.anchors, free, bounded, strict=True)
-        ]
-        return tuple(sorted(steps, key=lambda step: -step.figures.variance_m2))
+        open_m2 = leave_one_out_m2(model, ground, audible, self._scale, 0.0)
+        bounded_m2 = leave_one_out_m2(model, ground, audible, self._scale, ground.prior_m2)
+        anchors, bound_m = self._request.anchors, self._request.bound_m
+        return tuple(
+            Step(anchors[i], _figures(open_m2[i], bound_m))
+            for i in np.argsort(-bounded_m2.mean(axis=1), kind="stable")
+        )
 
     def added(self, count: int) -> tuple[Step, ...]:
+        """Return the next beacons, each with what the floor is like after it."""
         candidates, choices = self._candidates()
         chosen = best_additions(self._ground, self.information, choices, count)
-        steps, before = [], self.information
-        for i in chosen:
-            before = before + self._information_of([candidates[i]])
-            figures = self.figures(before, kinematic=self._request.tasks.kinematic)
-            steps.append(Step(candidates[i], figures))
+        steps, epoch = [], self.information
+        for anchor in _named("add", (candidates[i] for i in chosen)):
+            epoch = epoch + self._information_of([anchor])
+            figures = self.figures(epoch, kinematic=self._request.tasks.kinematic)
+            steps.append(Step(anchor, figures))
         return tuple(steps)
 
     def cover(self, bound_m: float) -> CoverPlan:
+        """Return the fewest beacons found that keep a bound."""
         candidates, choices = self._candidates()
         found = fewest_for_bound(self._ground, self.information, choices, bound_m, MAX_COVER)
-        anchors = [candidates[i] for i in found.chosen]
-        J = self.information + self._information_of(anchors)  # noqa: N806 - as in core
-        figures = self.figures(J, kinematic=self._request.tasks.kinematic)
-        return CoverPlan(bound_m, found.reached, tuple(anchors), figures)
-
-    def _figures(self, free_m2: FloatArray, bounded_m2: FloatArray) -> Figures:
-        sigma_m = np.sqrt(free_m2)
-        return Figures(
-            float(sigma_m.min()),
-            float(np.median(sigma_m)),
-            float(sigma_m.max()),
-            float(np.mean(sigma_m <= self._request.bound_m)),
-            float(bounded_m2.mean()),
-        )
+        anchors = _named("cover", (candidates[i] for i in found.chosen))
+        epoch = self.information + self._information_of(anchors)
+        figures = self.figures(epoch, kinematic=self._request.tasks.kinematic, bound_m=bound_m)
+        return CoverPlan(found.reached, anchors, figures)
 
     def _covariance_scale(self, *, kinematic: bool) -> float:
         return self._request.schedule.position_factor(kinematic=kinematic)
@@ -270,6 +265,22 @@ class _Planner:
         if tests > MAX_CROSSING_TESTS:
             detail = f"{len(ground.walls)} walls are too many for so many cells: take larger cells"
             raise invalid_field(pointer="#/cell_m", detail=detail)
+
+
+def _figures(trace_m2: FloatArray, bound_m: float) -> Figures:
+    sigma_m = np.sqrt(trace_m2)
+    return Figures(
+        float(sigma_m.min()),
+        float(np.median(sigma_m)),
+        float(sigma_m.max()),
+        bound_m,
+        float(np.mean(sigma_m <= bound_m)),
+        float(trace_m2.mean()),
+    )
+
+
+def _named(kind: str, anchors: Iterable[Anchor]) -> tuple[Anchor, ...]:
+    return tuple(replace(a, anchor_id=f"{kind}-{i + 1}") for i, a in enumerate(anchors))
 
 
 def _ground(request: PlanRequest) -> tuple[BoolArray, Ground]:
@@ -317,6 +328,6 @@ def _candidates(request: PlanRequest, cells: int) -> list[Anchor]:
         # Two beacons in one place tell less than two, and only because the model has white noise.
         free &= np.hypot(x_m - anchor.x_m, y_m - anchor.y_m) >= spacing_m / 2
     return [
-        replace(request.new_anchor, anchor_id=f"new-{i + 1}", x_m=float(x), y_m=float(y))
-        for i, (x, y) in enumerate(zip(x_m[free], y_m[free], strict=True))
+        replace(request.new_anchor, x_m=float(x), y_m=float(y))
+        for x, y in zip(x_m[free], y_m[free], strict=True)
     ]

@@ -13,6 +13,7 @@ COMMANDS = (
     ("demo",),
     ("replay",),
     ("migrate",),
+    ("plan",),
     ("import", "ms2020"),
     ("import", "csv", "beacons"),
     ("import", "csv", "fingerprints"),

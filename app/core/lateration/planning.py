@@ -7,12 +7,12 @@ anchors heard in cell ``c`` (`app.core.radio.walls`) and ``f`` the factor of the
 (`Schedule.position_factor`), the covariance of a fix in the cell is ``D = f J^-1`` and
 ``sigma_xy = sqrt(tr D)``; infinite where what is heard leaves a direction open.
 
-Layouts are compared by one number that is finite even then: the mean over the cells of ``tr D``
-with a prior, ``D' = (J / f + I / s^2)^-1``, where ``2 s^2`` is the variance of a phone of which
-nothing is known but that it is on the floor. Where a fix is any good, ``D'`` is ``D``.
+Layouts are compared by the mean over the cells of ``tr D``. To stay finite where there is no fix,
+it is taken with a weak prior, ``D' = (J / f + I / s^2)^-1``: where a fix is any good, ``D'`` is
+``D``, and each open direction of a cell costs ``s^2``, more than all else together.
 
 Source: Grinyak, Grinyak, Tsybanov, The Territory of New Opportunities 10(2), 2018 (the matrix D);
-the prior is Bayes' rule for a Gaussian.
+the prior is the usual way around a singular information matrix in the design of experiments.
 """
 
 from dataclasses import dataclass, field
@@ -25,6 +25,9 @@ from app.core.lateration.predicted import SINGULAR, Schedule
 from app.core.radio.path_loss import DZ2, SIGMA, SLOPE, LevelModel, X, Y, squared_distance
 from app.core.radio.walls import NO_WALLS, HearingParams, heard
 from app.core.types import BoolArray, FloatArray, IntArray
+
+PRIOR_RADII = 100.0
+"""``s`` in root mean square radii of the floor: changes a sigma of a tenth of it by 1 in 10^6."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,8 +48,9 @@ class Ground:
 
     @property
     def prior_m2(self) -> float:
-        """Variance per axis of a phone that is anywhere on the floor."""
-        return max(float(np.var(self.x_m) + np.var(self.y_m)) / 2.0, 1.0)
+        """``s^2`` of the weak prior that compares layouts."""
+        radius2_m2 = float(np.var(self.x_m) + np.var(self.y_m))
+        return PRIOR_RADII**2 * max(radius2_m2, 1.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -182,19 +186,14 @@ def _leave_one_out(
     after = np.zeros((n + 1, 3))
     for c in range(len(x)):
         for i in range(n - 1, -1, -1):
-            after[i] = after[i + 1]
-            if audible[i, c]:
-                hx, hy = gradient(table[i], x[c], y[c])
-                after[i, 0] += hx * hx
-                after[i, 1] += hx * hy
-                after[i, 2] += hy * hy
+            hx, hy = gradient(table[i], x[c], y[c]) if audible[i, c] else (0.0, 0.0)
+            after[i, 0] = after[i + 1, 0] + hx * hx
+            after[i, 1] = after[i + 1, 1] + hx * hy
+            after[i, 2] = after[i + 1, 2] + hy * hy
         xx = xy = yy = 0.0
         for i in range(n):
-            rest = after[i + 1]
-            out[i, c] = trace(xx + rest[0], xy + rest[1], yy + rest[2], factor, prior)
-            if audible[i, c]:
-                hx, hy = gradient(table[i], x[c], y[c])
-                xx += hx * hx
-                xy += hx * hy
-                yy += hy * hy
+            hx, hy = gradient(table[i], x[c], y[c]) if audible[i, c] else (0.0, 0.0)
+            without = (xx + after[i + 1, 0], xy + after[i + 1, 1], yy + after[i + 1, 2])
+            out[i, c] = trace(without[0], without[1], without[2], factor, prior)
+            xx, xy, yy = xx + hx * hx, xy + hx * hy, yy + hy * hy
     return out
