@@ -31,7 +31,10 @@ async def predict_for_floor(
 
     By Accept as JSON, GeoJSON or a PNG picture. Nothing is stored.
     """
-    media_type = best_type(request, _offered())
+    media_type = best_type(request, (JSON, GEOJSON, PNG))
+    if media_type == PNG and find_spec("matplotlib") is None:
+        detail = "a picture needs matplotlib: install pharos[plots] on the server"
+        raise AppError(ErrorCode.NOT_ACCEPTABLE, detail)
     floor = found(
         await context.database.read(lambda c: floors.get_floor(c, floor_id)), "floor", floor_id
     )
@@ -46,10 +49,6 @@ async def predict_for_floor(
     asked = request_of_floor(body, body.beacons, frame, stored)
     content = await context.plans.run(_work(asked, media_type, georeference))
     return Response(content, 200, {"Vary": "Accept"}, media_type)
-
-
-def _offered() -> tuple[str, ...]:
-    return (JSON, GEOJSON, PNG) if find_spec("matplotlib") else (JSON, GEOJSON)
 
 
 def _work(

@@ -171,6 +171,7 @@ def _cover_table(cover: CoverPlan) -> Table:
     table = Table(
         title=f"{len(cover.anchors)} more beacons {kept} {figures.bound_m:g} m everywhere",
         caption=f"median {_finite(figures.median_m)}, max {_finite(figures.max_m)} m; {share}",
+        min_width=60,
     )
     for heading in ("beacon", "x", "y"):
         table.add_column(heading, no_wrap=True)

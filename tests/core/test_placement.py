@@ -40,8 +40,8 @@ def present(ground: Ground, model: LevelModel, hearing=None) -> np.ndarray:
 
 def test_each_next_beacon_is_the_one_that_trying_all_finds() -> None:
     ground, hung = room(), list(CORNERS[:3])
-    J = present(ground, level_model(anchors_at(hung)))
-    chosen = best_additions(ground, J, choices(EVEN), 3)
+    epoch = present(ground, level_model(anchors_at(hung)))
+    chosen = best_additions(ground, epoch, choices(EVEN), 3)
     for found in chosen:
         mean_m2 = [np.mean(static_m(ground, [*hung, place]) ** 2) for place in EVEN]
         assert mean_m2[found] == pytest.approx(min(mean_m2), rel=1e-9)
@@ -81,9 +81,9 @@ def test_a_bound_takes_as_few_beacons_as_trying_all_finds(bound_m: float) -> Non
 def test_beacons_that_hang_already_count_for_a_bound() -> None:
     ground = room()
     corners = level_model(anchors_at(CORNERS))
-    J = present(ground, corners)
-    assert fewest_for_bound(ground, J, choices(EVEN), 1.5, 9) == Cover((), reached=True)
-    cover = fewest_for_bound(ground, J, choices(EVEN), 0.8, 9)
+    epoch = present(ground, corners)
+    assert fewest_for_bound(ground, epoch, choices(EVEN), 1.5, 9) == Cover((), reached=True)
+    cover = fewest_for_bound(ground, epoch, choices(EVEN), 0.8, 9)
     alone = fewest_for_bound(ground, NOTHING_YET, choices(EVEN), 0.8, 9)
     assert cover.reached
     assert 0 < len(cover.chosen) < len(alone.chosen)

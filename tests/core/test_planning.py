@@ -189,8 +189,8 @@ def test_the_prior_costs_open_directions_and_nothing_else() -> None:
 
     def both(model) -> tuple[np.ndarray, np.ndarray]:
         audible = heard(model, ground.x_m, ground.y_m, ground.walls, HEARING)
-        J = information(model, ground, audible)
-        return traces(J, scale, 0.0), traces(J, scale, ground.prior_m2)
+        epoch = information(model, ground, audible)
+        return traces(epoch, scale, 0.0), traces(epoch, scale, ground.prior_m2)
 
     open_m2, bounded_m2 = both(corners())
     np.testing.assert_allclose(bounded_m2, open_m2, rtol=1e-4)

@@ -131,23 +131,24 @@ def leave_one_out_m2(
 
 
 @register_jitable
-def gradient(row: FloatArray, x: float, y: float) -> tuple[float, float]:
+def gradient(row: FloatArray, x_m: float, y_m: float) -> tuple[float, float]:
     """Return an anchor's level gradient at a place over its shadowing, 1/m (kernels)."""
-    dx, dy = x - row[X], y - row[Y]
+    dx, dy = x_m - row[X], y_m - row[Y]
     slope = -row[SLOPE] / (row[SIGMA] * squared_distance(dx, dy, row[DZ2]))
     return slope * dx, slope * dy
 
 
 @register_jitable
-def trace(xx: float, xy: float, yy: float, factor: float, prior: float) -> float:
+def trace(xx: float, xy: float, yy: float, covariance_scale: float, prior_per_m2: float) -> float:
     """Return ``tr (J / f + I prior)^-1`` (kernels)."""
-    a, b, c = xx / factor + prior, xy / factor, yy / factor + prior
+    a, c = xx / covariance_scale + prior_per_m2, yy / covariance_scale + prior_per_m2
+    b = xy / covariance_scale
     det = a * c - b * b
-    if prior == 0.0:
-        if det <= SINGULAR * (a + c) * (a + c):
-            return np.inf
-    else:
-        det = max(det, prior * prior)
+    if prior_per_m2 > 0.0:
+        # Both eigenvalues are at least the prior's: less is rounding.
+        det = max(det, prior_per_m2 * prior_per_m2)
+    elif det <= SINGULAR * (a + c) * (a + c):
+        return np.inf
     return float((a + c) / det)
 
 

@@ -57,14 +57,14 @@ class HearingParams:
 
 
 @register_jitable
-def crosses(x: float, y: float, u: float, v: float, wall: FloatArray) -> bool:
+def crosses(x_m: float, y_m: float, u_m: float, v_m: float, wall: FloatArray) -> bool:
     """Return whether the segment (x, y)-(u, v) passes a wall: the ends lie on either side."""
-    wx, wy = wall[2] - wall[0], wall[3] - wall[1]
-    side_p = wx * (y - wall[1]) - wy * (x - wall[0])
-    side_q = wx * (v - wall[1]) - wy * (u - wall[0])
-    dx, dy = u - x, v - y
-    side_a = dx * (wall[1] - y) - dy * (wall[0] - x)
-    side_b = dx * (wall[3] - y) - dy * (wall[2] - x)
+    wx, wy = wall[X1] - wall[X0], wall[Y1] - wall[Y0]
+    side_p = wx * (y_m - wall[Y0]) - wy * (x_m - wall[X0])
+    side_q = wx * (v_m - wall[Y0]) - wy * (u_m - wall[X0])
+    dx, dy = u_m - x_m, v_m - y_m
+    side_a = dx * (wall[Y0] - y_m) - dy * (wall[X0] - x_m)
+    side_b = dx * (wall[Y1] - y_m) - dy * (wall[X1] - x_m)
     return bool(side_p * side_q < 0.0 and side_a * side_b < 0.0)
 
 
