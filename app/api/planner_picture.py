@@ -64,6 +64,7 @@ def _mark(axes: Axes, request: PlanRequest, result: PlanResult) -> None:
         if anchors:
             marker, colour, label = MARKERS[kind]
             x_m, y_m = zip(*((a.x_m, a.y_m) for a in anchors), strict=True)
-            style = {"marker": marker, "c": colour, "edgecolors": "black", "label": label}
             # Beacons in corners are shown whole.
-            axes.scatter(x_m, y_m, s=60, clip_on=False, zorder=3, **style)
+            drawn = axes.scatter(x_m, y_m, s=60, c=colour, marker=marker, clip_on=False, zorder=3)
+            drawn.set_edgecolor("black")
+            drawn.set_label(label)

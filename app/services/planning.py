@@ -14,12 +14,12 @@ from app.core.lateration.planning import (
     Prediction,
     information,
     leave_one_out_m2,
-    predict,
+    prediction,
     traces,
 )
 from app.core.lateration.predicted import Schedule, cell_centres
 from app.core.radio.path_loss import level_model
-from app.core.radio.walls import NO_WALLS, HearingParams, crossing_tests, heard
+from app.core.radio.walls import NO_WALLS, HearingParams, TooManyWallsError, heard
 from app.core.site import Wall
 from app.core.types import Anchor, BoolArray, FloatArray
 from app.formats.floor_map import FloorMapError, parse_floor_map
@@ -35,8 +35,7 @@ MAX_CELL_BEACONS = 5_000_000
 """Cells times beacons: a fifth of a second, and 80 MB while beacons are left out in turn."""
 
 MAX_WALLS = 20_000
-MAX_CROSSING_TESTS = 1_000_000_000
-"""Lines from beacon to cell against walls: several seconds."""
+"""Stretches of wall; a large mall has a few thousand."""
 
 MAX_CANDIDATES = 600
 MAX_CANDIDATE_CELLS = 12_000_000
@@ -175,12 +174,17 @@ def plan(request: PlanRequest) -> PlanResult:
     AppError
         If the floor, its walls or the layout are too large for it.
     """
-    planner = _Planner(request)
-    prediction = planner.prediction
-    tasks = request.tasks
+    try:
+        return _planned(_Planner(request), request.tasks)
+    except TooManyWallsError as error:
+        detail = f"{error}: take larger cells"
+        raise invalid_field(pointer="#/cell_m", detail=detail) from error
+
+
+def _planned(planner: "_Planner", tasks: Tasks) -> PlanResult:
     return PlanResult(
         planner.inside,
-        prediction,
+        planner.prediction,
         planner.figures(planner.information, kinematic=False),
         planner.figures(planner.information, kinematic=True),
         planner.dropped() if tasks.drop_one else None,
@@ -196,11 +200,10 @@ class _Planner:
         self._request = request
         self.inside, self._ground = _ground(request)
         self._model = level_model(request.anchors, request.phone_height_m)
-        self._check_size(request.anchors)
         ground, hearing = self._ground, request.hearing
         self._audible = heard(self._model, ground.x_m, ground.y_m, ground.walls, hearing)
         self.information = information(self._model, ground, self._audible)
-        self.prediction = predict(self._ground, self._model, request.schedule, hearing)
+        self.prediction = prediction(self.information, self._audible, request.schedule)
         self._scale = self._covariance_scale(kinematic=request.tasks.kinematic)
 
     def figures(
@@ -246,7 +249,6 @@ class _Planner:
 
     def _candidates(self) -> tuple[list[Anchor], Choices]:
         candidates = _candidates(self._request, len(self._ground.x_m))
-        self._check_size(candidates)
         model = level_model(candidates, self._request.phone_height_m)
         return candidates, Choices(model, self._request.hearing, self._scale)
 
@@ -255,16 +257,6 @@ class _Planner:
         model = level_model(anchors, self._request.phone_height_m)
         audible = heard(model, ground.x_m, ground.y_m, ground.walls, hearing)
         return information(model, ground, audible)
-
-    def _check_size(self, anchors: Sequence[Anchor]) -> None:
-        ground, hearing = self._ground, self._request.hearing
-        if len(ground.walls) == 0:
-            return
-        model = level_model(anchors, self._request.phone_height_m)
-        tests = crossing_tests(model, ground.x_m, ground.y_m, ground.walls, hearing)
-        if tests > MAX_CROSSING_TESTS:
-            detail = f"{len(ground.walls)} walls are too many for so many cells: take larger cells"
-            raise invalid_field(pointer="#/cell_m", detail=detail)
 
 
 def _figures(trace_m2: FloatArray, bound_m: float) -> Figures:

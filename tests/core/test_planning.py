@@ -25,8 +25,9 @@ from app.core.lateration.planning import (
     traces,
 )
 from app.core.lateration.predicted import Schedule, cell_centres, predicted_sigma_m
+from app.core.radio import walls
 from app.core.radio.path_loss import SIGMA, LevelModel, X, Y, expected_levels, level_model
-from app.core.radio.walls import HearingParams, crossing_tests, heard
+from app.core.radio.walls import HearingParams, TooManyWallsError, crosses, heard
 
 HEARING = HearingParams()
 LEAST_SQUARES = (1e6, 0.0, 0.0)
@@ -148,12 +149,32 @@ def test_behind_a_wall_the_fix_is_lost_and_the_rest_stays_as_it_was() -> None:
     assert not divided.in_range[~left].any()
 
 
-def test_the_work_with_walls_is_bounded_from_above() -> None:
-    model = level_model(anchors_at(CORNERS))
-    ground = room(walls=[(5.0, 0.0, 5.0, 10.0, 3.0), (90.0, 0.0, 95.0, 0.0, 3.0)])
+@given(
+    st.lists(st.tuples(*[st.floats(-10, 20, width=32)] * 4), max_size=30),
+    st.tuples(st.floats(-2, 12, width=32), st.floats(-2, 12, width=32)),
+)
+def test_no_wall_is_missed_in_any_direction(ends, place) -> None:
+    """Against testing every line with every wall."""
+    ground = room(cell_m=2.0, walls=[(*wall, 40.0) for wall in ends])
+    model = level_model(anchors_at([place], exponent=2.0))
+    threshold = HearingParams(threshold_dbm=-94.0)
+    found = heard(model, ground.x_m, ground.y_m, ground.walls, threshold)[0]
+    free = [
+        not any(crosses(x_m, y_m, *place, wall) for wall in ground.walls)
+        for x_m, y_m in zip(ground.x_m, ground.y_m, strict=True)
+    ]
+    assert found.tolist() == free
+
+
+def test_too_many_walls_are_refused_and_not_waited_for(monkeypatch) -> None:
+    ground = room(walls=[(5.0, 0.0, 5.0, 10.0, 0.0)])
     places = (ground.x_m, ground.y_m, ground.walls)
-    assert crossing_tests(model, *places, HearingParams(reach_m=30.0)) == 4 * 400
-    assert crossing_tests(model, *places, HearingParams(reach_m=4.0)) == 0
+    model = level_model(anchors_at(CORNERS))
+    monkeypatch.setattr(walls, "MAX_CROSSING_TESTS", 1000)
+    at_once = HearingParams(reach_m=4.0)
+    assert heard(model, *places, at_once).any()
+    with pytest.raises(TooManyWallsError):
+        heard(level_model(anchors_at(CORNERS * 50)), *places, HEARING)
 
 
 @given(

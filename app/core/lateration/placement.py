@@ -28,7 +28,7 @@ from numba import njit
 from app.core.lateration.planning import Ground, gradient, information, trace
 from app.core.radio.path_loss import LevelModel
 from app.core.radio.walls import HearingParams, heard
-from app.core.types import BoolArray, FloatArray
+from app.core.types import BoolArray, FloatArray, IntArray
 
 PRIOR_BOUNDS = 100.0
 """Prior of a search for a bound, in bounds: it moves a sigma at the bound by 1 in 10^4 at most."""
@@ -203,15 +203,18 @@ def _gains(
     """Return by how much each candidate would lower `_excess`, (candidates,)."""
     x, y = places
     factor, prior, target = scale
-    now = np.empty(len(J))
-    for c in range(len(J)):
-        now[c] = max(trace(J[c, 0], J[c, 1], J[c, 2], factor, prior) - target, 0.0)
+    excess = np.empty(len(J))
+    for cell in range(len(J)):
+        excess[cell] = trace(J[cell, 0], J[cell, 1], J[cell, 2], factor, prior) - target
+    # Near a bound few cells still exceed it, and only they count.
+    open_cells: IntArray = np.nonzero(excess > 0.0)[0]
     gains = np.zeros(len(table))
     for k in range(len(table)):
         row = table[k]
-        for c in range(len(J)):
-            if audible[k, c] and now[c] > 0.0:
+        for i in range(len(open_cells)):
+            c = open_cells[i]
+            if audible[k, c]:
                 hx, hy = gradient(row, x[c], y[c])
                 xx, xy, yy = J[c, 0] + hx * hx, J[c, 1] + hx * hy, J[c, 2] + hy * hy
-                gains[k] += now[c] - max(trace(xx, xy, yy, factor, prior) - target, 0.0)
+                gains[k] += excess[c] - max(trace(xx, xy, yy, factor, prior) - target, 0.0)
     return gains

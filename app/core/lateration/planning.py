@@ -75,7 +75,19 @@ def predict(
 ) -> Prediction:
     """Return the predicted error of a layout."""
     audible = heard(model, ground.x_m, ground.y_m, ground.walls, hearing)
-    unit_m2 = traces(information(model, ground, audible), 1.0, 0.0)
+    return prediction(information(model, ground, audible), audible, schedule)
+
+
+def prediction(J: FloatArray, audible: BoolArray, schedule: Schedule) -> Prediction:
+    """Return the predicted error where information and anchors heard are known.
+
+    Parameters
+    ----------
+    J : (cells, 3)
+        See `information`.
+    audible : (anchors, cells)
+    """
+    unit_m2 = traces(J, 1.0, 0.0)
     static, kinematic = (
         np.sqrt(schedule.position_factor(kinematic=moving) * unit_m2) for moving in (False, True)
     )

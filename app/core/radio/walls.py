@@ -13,6 +13,9 @@ model. The line is drawn in the plane: walls reach from floor to ceiling. An anc
 wall is heard on both sides of it. Losses add up without bound, so behind many walls, where the way
 around them is louder, the model is pessimistic.
 
+A line is tested only against walls that the anchor sees in its direction: walls are sorted into
+`SECTORS` around each anchor.
+
 Source: Motley and Keenan 1988; the multi-wall model of COST 231, final report 1999, ch. 4.7,
 without its floor term.
 """
@@ -32,12 +35,22 @@ from app.core.radio.path_loss import (
     Y,
     squared_distance,
 )
-from app.core.types import BoolArray, FloatArray
+from app.core.types import BoolArray, FloatArray, IntArray
 
 # Columns of a wall's row: its ends, metres, and what it takes from a level, dB.
 X0, Y0, X1, Y1, LOSS = range(5)
 
 NO_WALLS: FloatArray = np.empty((0, 5))
+
+SECTORS = 256
+"""Directions around an anchor: 1.4 degrees are less than most walls span, and few to go through."""
+
+MAX_CROSSING_TESTS = 1_000_000_000
+"""Tests of a line against a wall in one call: some 5 s, ten times what real floors take."""
+
+
+class TooManyWallsError(ValueError):
+    """There are too many walls for so many anchors and places."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,24 +95,21 @@ def heard(
     Returns
     -------
     (anchors, places)
+
+    Raises
+    ------
+    TooManyWallsError
+        Beyond `MAX_CROSSING_TESTS`.
     """
     found = np.empty((model.anchors, len(x_m)), dtype=np.bool_)
+    bounds, tests = (params.threshold_dbm, params.reach_m), 0
     for row, range_m, audible in zip(model.table, _ranges_m(model, params), found, strict=True):
         near = walls[_within(walls, row[X], row[Y], range_m)]
-        _heard_of_one(row, (x_m, y_m), near, (params.threshold_dbm, params.reach_m), audible)
+        tests += _heard_of_one(row, (x_m, y_m), near, bounds, audible)
+        if tests > MAX_CROSSING_TESTS:
+            msg = f"{len(walls)} walls are too many for so many anchors and places"
+            raise TooManyWallsError(msg)
     return found
-
-
-def crossing_tests(
-    model: LevelModel, x_m: FloatArray, y_m: FloatArray, walls: FloatArray, params: HearingParams
-) -> int:
-    """Return how many pairs of line and wall `heard` looks at, at most: what its time goes with."""
-    range_m = _ranges_m(model, params)
-    total = 0
-    for row, limit_m in zip(model.table, range_m, strict=True):
-        places = np.hypot(x_m - row[X], y_m - row[Y]) <= limit_m
-        total += int(places.sum()) * int(_within(walls, row[X], row[Y], limit_m).sum())
-    return total
 
 
 def _ranges_m(model: LevelModel, params: HearingParams) -> FloatArray:
@@ -126,17 +136,63 @@ def _heard_of_one(
     walls: FloatArray,
     bounds: tuple[float, float],
     audible: BoolArray,
-) -> None:
-    """Fill whether one anchor (a row of `LevelModel.table`) is heard at each place."""
+) -> int:
+    """Fill whether an anchor (row of `LevelModel.table`) is heard; return the tests it took."""
     x, y = places
     threshold, reach = bounds
+    first, listed = _by_sector(row[X], row[Y], walls)
+    tests = 0
     for c in range(len(x)):
         dx, dy = x[c] - row[X], y[c] - row[Y]
         squared = squared_distance(dx, dy, row[DZ2])
         margin = row[INTERCEPT] - threshold - 0.5 * row[SLOPE] * np.log(squared)
-        for w in range(len(walls)):
-            if margin < 0.0:
-                break
-            if crosses(x[c], y[c], row[X], row[Y], walls[w]):
-                margin -= walls[w, LOSS]
+        if len(walls) > 0 and margin >= 0.0:
+            sector = _sector(dx, dy)
+            for i in range(first[sector], first[sector + 1]):
+                tests += 1
+                wall = walls[listed[i]]
+                if crosses(x[c], y[c], row[X], row[Y], wall):
+                    margin -= wall[LOSS]
+                    if margin < 0.0:
+                        break
         audible[c] = margin >= 0.0 and dx * dx + dy * dy <= reach * reach
+    return tests
+
+
+@register_jitable
+def _sector(dx: float, dy: float) -> int:
+    """Return the sector of a direction, 0 to SECTORS - 1."""
+    turn = 0.5 + np.arctan2(dy, dx) / (2.0 * np.pi)
+    return min(int(turn * SECTORS), SECTORS - 1)
+
+
+@register_jitable
+def _by_sector(x: float, y: float, walls: FloatArray) -> tuple[IntArray, IntArray]:
+    """Return the walls seen from a place in each sector: first index per sector, and the list.
+
+    The sectors of a wall are those from one end to the other the short way round, and one more on
+    either side against rounding. A place in a wall sees it the one way or the other, which does not
+    matter: no line from there crosses it.
+    """
+    start = np.empty(len(walls), dtype=np.int64)
+    count = np.empty(len(walls), dtype=np.int64)
+    first = np.zeros(SECTORS + 1, dtype=np.int64)
+    for w in range(len(walls)):
+        a = _sector(walls[w, X0] - x, walls[w, Y0] - y)
+        b = _sector(walls[w, X1] - x, walls[w, Y1] - y)
+        ahead = (b - a) % SECTORS
+        if ahead > SECTORS // 2:
+            a, ahead = b, SECTORS - ahead
+        start[w], count[w] = a - 1 + SECTORS, min(ahead + 3, SECTORS)
+        for k in range(count[w]):
+            first[(start[w] + k) % SECTORS + 1] += 1
+    for s in range(SECTORS):
+        first[s + 1] += first[s]
+    listed = np.empty(first[SECTORS], dtype=np.int64)
+    filled = first.copy()
+    for w in range(len(walls)):
+        for k in range(count[w]):
+            s = (start[w] + k) % SECTORS
+            listed[filled[s]] = w
+            filled[s] += 1
+    return first, listed
