@@ -57,6 +57,7 @@ def _request(fields: PlanFields, frame: Frame, stored: StoredLayout) -> PlanRequ
         Schedule(fields.epochs, fields.period_s),
         HearingParams(fields.hearing_threshold_dbm, reach_m),
         fields.phone_height_m,
+        fields.min_beacons,
         fields.bound_m,
         Tasks(fields.drop_one, fields.add, fields.cover_m, kinematic=fields.model == "kinematic"),
     )

@@ -57,7 +57,10 @@ class PlanFields(StrictModel):
         HearingParams().threshold_dbm
     )
     reach_m: Annotated[Size | None, Field(description="Beacons farther away do not count")] = None
-    phone_height_m: Metres = 0.0
+    min_beacons: Annotated[
+        int, Field(ge=1, le=10, description="Where fewer are heard there is no fix")
+    ] = 3
+    phone_height_m: Annotated[Metres, Field(description="In the frame of the beacons' z")] = 0.0
     walls: Annotated[list[DraftWall] | None, Field(max_length=2_000)] = None
     materials: Annotated[
         dict[str, Loss] | None,

@@ -10,6 +10,7 @@ from sqlalchemy import Connection
 from app.core.geometry import Walkable
 from app.core.lateration.placement import Choices, best_additions, fewest_for_bound
 from app.core.lateration.planning import (
+    FixRule,
     Ground,
     Prediction,
     information,
@@ -89,6 +90,7 @@ class PlanRequest:
     schedule: Schedule = field(default_factory=Schedule)
     hearing: HearingParams = field(default_factory=HearingParams)
     phone_height_m: float = 0.0
+    min_beacons: int = 3
     bound_m: float = 2.0
     tasks: Tasks = Tasks()
 
@@ -203,21 +205,23 @@ class _Planner:
         ground, hearing = self._ground, request.hearing
         self._audible = heard(self._model, ground.x_m, ground.y_m, ground.walls, hearing)
         self.information = information(self._model, ground, self._audible)
-        self.prediction = prediction(self.information, self._audible, request.schedule)
-        self._scale = self._covariance_scale(kinematic=request.tasks.kinematic)
+        self.prediction = prediction(
+            self.information, self._rule(kinematic=False), self._rule(kinematic=True)
+        )
+        self._asked = self._rule(kinematic=request.tasks.kinematic)
 
     def figures(
         self, epoch: FloatArray, *, kinematic: bool, bound_m: float | None = None
     ) -> Figures:
-        """Return the error that an epoch's information (cells, 3) leaves."""
-        trace_m2 = traces(epoch, self._covariance_scale(kinematic=kinematic), 0.0)
+        """Return the error that an epoch's information (cells, 4) leaves."""
+        trace_m2 = traces(epoch, self._rule(kinematic=kinematic), 0.0)
         return _figures(trace_m2, self._request.bound_m if bound_m is None else bound_m)
 
     def dropped(self) -> tuple[Step, ...]:
         """Return the layout without each beacon, the most missed first."""
         model, ground, audible = self._model, self._ground, self._audible
-        open_m2 = leave_one_out_m2(model, ground, audible, self._scale, 0.0)
-        bounded_m2 = leave_one_out_m2(model, ground, audible, self._scale, ground.prior_m2)
+        open_m2 = leave_one_out_m2(model, ground, audible, self._asked, 0.0)
+        bounded_m2 = leave_one_out_m2(model, ground, audible, self._asked, ground.prior_m2)
         anchors, bound_m = self._request.anchors, self._request.bound_m
         return tuple(
             Step(anchors[i], _figures(open_m2[i], bound_m))
@@ -244,13 +248,14 @@ class _Planner:
         figures = self.figures(epoch, kinematic=self._request.tasks.kinematic, bound_m=bound_m)
         return CoverPlan(found.reached, anchors, figures)
 
-    def _covariance_scale(self, *, kinematic: bool) -> float:
-        return self._request.schedule.position_factor(kinematic=kinematic)
+    def _rule(self, *, kinematic: bool) -> FixRule:
+        factor = self._request.schedule.position_factor(kinematic=kinematic)
+        return FixRule(factor, self._request.min_beacons)
 
     def _candidates(self) -> tuple[list[Anchor], Choices]:
         candidates = _candidates(self._request, len(self._ground.x_m))
         model = level_model(candidates, self._request.phone_height_m)
-        return candidates, Choices(model, self._request.hearing, self._scale)
+        return candidates, Choices(model, self._request.hearing, self._asked)
 
     def _information_of(self, anchors: Sequence[Anchor]) -> FloatArray:
         ground, hearing = self._ground, self._request.hearing

@@ -9,7 +9,7 @@ from app.services.errors import AppError, ErrorCode
 Result = TypeVar("Result")
 
 MAX_WAITING = 4
-"""Each may take some ten seconds; who comes later is told so at once."""
+"""Most take a second, a search on a large floor half a minute; who comes later is told so."""
 
 
 class PlanQueue:

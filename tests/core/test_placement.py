@@ -7,14 +7,14 @@ import pytest
 from lateration_room import CORNERS, anchors_at
 
 from app.core.lateration.placement import Choices, Cover, best_additions, fewest_for_bound
-from app.core.lateration.planning import Ground, information, predict
+from app.core.lateration.planning import FixRule, Ground, information, predict
 from app.core.lateration.predicted import Schedule, cell_centres
 from app.core.radio.path_loss import LevelModel, level_model
 from app.core.radio.walls import HearingParams, heard
 
 SCHEDULE = Schedule()
-SCALE = SCHEDULE.position_factor(kinematic=False)
-NOTHING_YET = np.zeros((100, 3))
+RULE = FixRule(SCHEDULE.position_factor(kinematic=False))
+NOTHING_YET = np.zeros((100, 4))
 COARSE = [(x, y) for x in (0.0, 5.0, 10.0) for y in (0.0, 5.0, 10.0)]
 EVEN = [(x, y) for x in np.linspace(0, 10, 6) for y in np.linspace(0, 10, 6)]
 
@@ -25,7 +25,7 @@ def room(walls=()) -> Ground:
 
 
 def choices(places, hearing=None) -> Choices:
-    return Choices(level_model(anchors_at(places)), hearing or HearingParams(), SCALE)
+    return Choices(level_model(anchors_at(places)), hearing or HearingParams(), RULE)
 
 
 def static_m(ground: Ground, places, hearing=None) -> np.ndarray:
@@ -58,6 +58,7 @@ def test_a_beacon_goes_to_the_side_of_the_wall_where_none_is_heard() -> None:
     ground = room(walls=[(5.0, -1.0, 5.0, 11.0, 60.0)])
     left = level_model(anchors_at(((1.0, 1.0), (1.0, 9.0), (4.0, 5.0))))
     chosen = best_additions(ground, present(ground, left), choices(EVEN), 3)
+    assert len(chosen) == 3
     assert all(EVEN[i][0] > 5.0 for i in chosen)
 
 

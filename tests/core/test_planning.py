@@ -17,6 +17,7 @@ from lateration_room import (
 from app.core.geometry import Walkable
 from app.core.lateration.gauss_newton import minimise
 from app.core.lateration.planning import (
+    FixRule,
     Ground,
     Prediction,
     information,
@@ -30,6 +31,7 @@ from app.core.radio.path_loss import SIGMA, LevelModel, X, Y, expected_levels, l
 from app.core.radio.walls import HearingParams, TooManyWallsError, crosses, heard
 
 HEARING = HearingParams()
+STATIC = FixRule(Schedule().position_factor(kinematic=False))
 LEAST_SQUARES = (1e6, 0.0, 0.0)
 """No robust weights and no priors: the published method, which D is the covariance of."""
 
@@ -102,7 +104,9 @@ def test_the_planner_agrees_with_the_closed_form_of_the_whole_matrix() -> None:
         expected_m = predicted_sigma_m(
             model, ground.x_m, ground.y_m, schedule, kinematic=kinematic, reach_m=15.0
         )
+        expected_m[found.in_range < 3] = np.inf
         np.testing.assert_allclose(of(found, kinematic), expected_m, rtol=1e-6)
+        assert 0 < np.isinf(expected_m).sum() < len(expected_m)
     distance_m = np.hypot(
         ground.x_m[:, None] - model.table[:, X], ground.y_m[:, None] - model.table[:, Y]
     )
@@ -195,8 +199,7 @@ def test_leaving_one_out_is_planning_without_it() -> None:
     hearing = HearingParams(reach_m=9.0)
     model = level_model(anchors)
     audible = heard(model, ground.x_m, ground.y_m, ground.walls, hearing)
-    scale = Schedule().position_factor(kinematic=False)
-    found_m2 = leave_one_out_m2(model, ground, audible, scale, 0.0)
+    found_m2 = leave_one_out_m2(model, ground, audible, STATIC, 0.0)
     assert found_m2.shape == (9, 400)
     for i in range(len(anchors)):
         rest = level_model(anchors[:i] + anchors[i + 1 :])
@@ -204,20 +207,28 @@ def test_leaving_one_out_is_planning_without_it() -> None:
         np.testing.assert_allclose(np.sqrt(found_m2[i]), expected_m, rtol=1e-6)
 
 
-def test_the_prior_costs_open_directions_and_nothing_else() -> None:
+def both_traces(model: LevelModel, rule: FixRule) -> tuple[np.ndarray, np.ndarray]:
+    """Return trace D in the room without the prior and with it, in priors."""
     ground = room()
-    scale = Schedule().position_factor(kinematic=False)
+    audible = heard(model, ground.x_m, ground.y_m, ground.walls, HEARING)
+    epoch = information(model, ground, audible)
+    return traces(epoch, rule, 0.0), traces(epoch, rule, ground.prior_m2) / ground.prior_m2
 
-    def both(model) -> tuple[np.ndarray, np.ndarray]:
-        audible = heard(model, ground.x_m, ground.y_m, ground.walls, HEARING)
-        epoch = information(model, ground, audible)
-        return traces(epoch, scale, 0.0), traces(epoch, scale, ground.prior_m2)
 
-    open_m2, bounded_m2 = both(corners())
-    np.testing.assert_allclose(bounded_m2, open_m2, rtol=1e-4)
-    open_m2, bounded_m2 = both(level_model(anchors_at(((2.0, 2.0),))))
-    assert np.isinf(open_m2).all()
-    np.testing.assert_allclose(bounded_m2, ground.prior_m2, rtol=0.01)
+def test_two_beacons_are_no_fix_unless_asked_for() -> None:
+    two = level_model(anchors_at(CORNERS[:2]))
+    assert np.isinf(both_traces(two, STATIC)[0]).all()
+    mirrored = FixRule(STATIC.covariance_scale, min_anchors=2)
+    assert np.isfinite(both_traces(two, mirrored)[0]).all()
+
+
+def test_the_prior_costs_what_a_fix_lacks_and_nothing_else() -> None:
+    open_m2, bounded = both_traces(corners(), STATIC)
+    np.testing.assert_allclose(bounded * room().prior_m2, open_m2, rtol=1e-4)
+    # One open direction and two lacking anchors; both directions and three anchors.
+    one = level_model(anchors_at(((2.0, 2.0),)))
+    np.testing.assert_allclose(both_traces(one, STATIC)[1], 3.0, rtol=0.01)
+    np.testing.assert_allclose(both_traces(level_model(()), STATIC)[1], 5.0)
 
 
 def test_distances_to_walkable_floor_are_those_of_single_places() -> None:

@@ -25,7 +25,17 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from app.core.lateration.planning import Ground, gradient, information, trace
+from app.core.lateration.planning import (
+    HEARD,
+    FixRule,
+    Ground,
+    Scale,
+    gradient,
+    information,
+    scale_of,
+    trace,
+    traces,
+)
 from app.core.radio.path_loss import LevelModel
 from app.core.radio.walls import HearingParams, heard
 from app.core.types import BoolArray, FloatArray, IntArray
@@ -47,12 +57,12 @@ MIN_GAIN = 1e-6
 class Choices:
     """Anchors that could be added to a layout.
 
-    ``model`` has a row for each; ``covariance_scale`` is that of the window's schedule.
+    ``model`` has a row for each; ``rule`` says which fixes are to be bettered.
     """
 
     model: LevelModel
     hearing: HearingParams
-    covariance_scale: float
+    rule: FixRule
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +80,7 @@ def best_additions(
 
     Parameters
     ----------
-    present : (cells, 3)
+    present : (cells, 4)
         Information of the anchors there are (`information`).
     count
         How many to choose; fewer are returned where no candidate helps any more.
@@ -86,7 +96,7 @@ def fewest_for_bound(
 
     Parameters
     ----------
-    present : (cells, 3)
+    present : (cells, 4)
         Information of the anchors there are, which stay.
     at_most
         The search for a layout gives up with this many.
@@ -120,7 +130,7 @@ class _Search:
         self._audible: BoolArray = heard(
             choices.model, ground.x_m, ground.y_m, ground.walls, choices.hearing
         )
-        self._scale = (choices.covariance_scale, 1.0 / prior_m2, target_m2)
+        self._rule, self._prior_m2, self._target_m2 = choices.rule, prior_m2, target_m2
         self._scans = 0
 
     def greedy(self, count: int) -> list[int]:
@@ -128,7 +138,7 @@ class _Search:
         chosen: list[int] = []
         J = self._present.copy()
         most = min(count, self._model.anchors)
-        while len(chosen) < most and _excess(J, self._scale) > 0.0:
+        while len(chosen) < most and self._excess(J) > 0.0:
             best, gain = self._best(J, chosen)
             if gain <= 0.0:
                 break
@@ -138,12 +148,12 @@ class _Search:
 
     def is_reached(self, chosen: Sequence[int]) -> bool:
         """Return whether every cell keeps the target."""
-        return bool(_excess(self._present + self._information(chosen), self._scale) <= 0.0)
+        return bool(self._excess(self._present + self._information(chosen)) <= 0.0)
 
     def one_less(self, chosen: Sequence[int]) -> list[int] | None:
         """Return a layout of one candidate less that keeps the target, None if none is found."""
         without = [[c for c in chosen if c != left_out] for left_out in chosen]
-        excess = [_excess(self._present + self._information(w), self._scale) for w in without]
+        excess = [self._excess(self._present + self._information(w)) for w in without]
         trial = without[int(np.argmin(excess))]
         least = min(excess)
         while least > 0.0:
@@ -164,17 +174,22 @@ class _Search:
         others = [c for i, c in enumerate(trial) if i != place]
         J = self._present + self._information(others)
         best, gain = self._best(J, others)
-        after = _excess(J, self._scale) - gain
+        after = self._excess(J) - gain
         if best == trial[place] or after >= excess_m2 * (1.0 - MIN_GAIN):
             return trial, excess_m2
         replaced = [*trial[:place], best, *trial[place + 1 :]]
-        return replaced, _excess(self._present + self._information(replaced), self._scale)
+        return replaced, self._excess(self._present + self._information(replaced))
 
     def _best(self, J: FloatArray, taken: Sequence[int]) -> tuple[int, float]:
-        gains = _gains(self._model.table, self._places, self._audible, J, self._scale)
+        scale = (scale_of(self._rule, self._prior_m2), self._target_m2)
+        gains = _gains(self._model.table, self._places, self._audible, J, scale)
         gains[list(taken)] = 0.0
         best = int(np.argmax(gains))
         return best, float(gains[best])
+
+    def _excess(self, J: FloatArray) -> float:
+        """Return the sum over the cells of ``max(tr D' - b^2, 0)``."""
+        return float(np.maximum(traces(J, self._rule, self._prior_m2) - self._target_m2, 0.0).sum())
 
     def _information(self, chosen: Sequence[int]) -> FloatArray:
         rows = list(chosen)
@@ -183,29 +198,19 @@ class _Search:
 
 
 @njit(cache=True, nogil=True)
-def _excess(J: FloatArray, scale: tuple[float, float, float]) -> float:
-    """Return the sum over the cells of ``max(tr D' - b^2, 0)``."""
-    factor, prior, target = scale
-    total = 0.0
-    for c in range(len(J)):
-        total += max(trace(J[c, 0], J[c, 1], J[c, 2], factor, prior) - target, 0.0)
-    return total
-
-
-@njit(cache=True, nogil=True)
 def _gains(
     table: FloatArray,
     places: tuple[FloatArray, FloatArray],
     audible: BoolArray,
     J: FloatArray,
-    scale: tuple[float, float, float],
+    scale: tuple[Scale, float],
 ) -> FloatArray:
-    """Return by how much each candidate would lower `_excess`, (candidates,)."""
+    """Return by how much each candidate would lower the excess, (candidates,)."""
     x, y = places
-    factor, prior, target = scale
+    fix, target = scale
     excess = np.empty(len(J))
     for cell in range(len(J)):
-        excess[cell] = trace(J[cell, 0], J[cell, 1], J[cell, 2], factor, prior) - target
+        excess[cell] = trace(J[cell, 0], J[cell, 1], J[cell, 2], int(J[cell, HEARD]), fix) - target
     # Near a bound few cells still exceed it, and only they count.
     open_cells: IntArray = np.nonzero(excess > 0.0)[0]
     gains = np.zeros(len(table))
@@ -216,5 +221,6 @@ def _gains(
             if audible[k, c]:
                 hx, hy = gradient(row, x[c], y[c])
                 xx, xy, yy = J[c, 0] + hx * hx, J[c, 1] + hx * hy, J[c, 2] + hy * hy
-                gains[k] += excess[c] - max(trace(xx, xy, yy, factor, prior) - target, 0.0)
+                after = trace(xx, xy, yy, int(J[c, HEARD]) + 1, fix) - target
+                gains[k] += excess[c] - max(after, 0.0)
     return gains
