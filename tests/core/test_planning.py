@@ -159,7 +159,7 @@ def test_behind_a_wall_the_fix_is_lost_and_the_rest_stays_as_it_was() -> None:
 )
 def test_no_wall_is_missed_in_any_direction(ends, place) -> None:
     """Against testing every line with every wall."""
-    ground = room(cell_m=2.0, walls=[(*wall, 40.0) for wall in ends])
+    ground = room(cell_m=2.0, walls=[(*wall, 60.0) for wall in ends])
     model = level_model(anchors_at([place], exponent=2.0))
     threshold = HearingParams(threshold_dbm=-94.0)
     found = heard(model, ground.x_m, ground.y_m, ground.walls, threshold)[0]

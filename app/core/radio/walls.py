@@ -170,19 +170,19 @@ def _sector(dx: float, dy: float) -> int:
 def _by_sector(x: float, y: float, walls: FloatArray) -> tuple[IntArray, IntArray]:
     """Return the walls seen from a place in each sector: first index per sector, and the list.
 
-    The sectors of a wall are those from one end to the other the short way round, and one more on
-    either side against rounding. A place in a wall sees it the one way or the other, which does not
-    matter: no line from there crosses it.
+    The sectors of a wall are those from one end on, counter-clockwise, to the other, which is less
+    than half a turn ahead, and one more on either side against rounding. A place in a wall sees it
+    the one way or the other, which does not matter: no line from there crosses it.
     """
     start = np.empty(len(walls), dtype=np.int64)
     count = np.empty(len(walls), dtype=np.int64)
     first = np.zeros(SECTORS + 1, dtype=np.int64)
     for w in range(len(walls)):
-        a = _sector(walls[w, X0] - x, walls[w, Y0] - y)
-        b = _sector(walls[w, X1] - x, walls[w, Y1] - y)
+        ax, ay, bx, by = walls[w, X0] - x, walls[w, Y0] - y, walls[w, X1] - x, walls[w, Y1] - y
+        a, b = _sector(ax, ay), _sector(bx, by)
+        if ax * by - ay * bx < 0.0:
+            a, b = b, a
         ahead = (b - a) % SECTORS
-        if ahead > SECTORS // 2:
-            a, ahead = b, SECTORS - ahead
         start[w], count[w] = a - 1 + SECTORS, min(ahead + 3, SECTORS)
         for k in range(count[w]):
             first[(start[w] + k) % SECTORS + 1] += 1
