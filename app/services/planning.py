@@ -219,13 +219,13 @@ class _Planner:
 
     def dropped(self) -> tuple[Step, ...]:
         """Return the layout without each beacon, the most missed first."""
-        model, ground, audible = self._model, self._ground, self._audible
-        open_m2 = leave_one_out_m2(model, ground, audible, self._asked, 0.0)
-        bounded_m2 = leave_one_out_m2(model, ground, audible, self._asked, ground.prior_m2)
+        trace_m2 = leave_one_out_m2(self._model, self._ground, self._audible, self._asked)
+        # A cell without a fix counts the same however much it lacks, and more than all others.
+        cost_m2 = np.minimum(trace_m2, self._ground.prior_m2).mean(axis=1)
         anchors, bound_m = self._request.anchors, self._request.bound_m
         return tuple(
-            Step(anchors[i], _figures(open_m2[i], bound_m))
-            for i in np.argsort(-bounded_m2.mean(axis=1), kind="stable")
+            Step(anchors[i], _figures(trace_m2[i], bound_m))
+            for i in np.argsort(-cost_m2, kind="stable")
         )
 
     def added(self, count: int) -> tuple[Step, ...]:

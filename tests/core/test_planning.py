@@ -199,7 +199,7 @@ def test_leaving_one_out_is_planning_without_it() -> None:
     hearing = HearingParams(reach_m=9.0)
     model = level_model(anchors)
     audible = heard(model, ground.x_m, ground.y_m, ground.walls, hearing)
-    found_m2 = leave_one_out_m2(model, ground, audible, STATIC, 0.0)
+    found_m2 = leave_one_out_m2(model, ground, audible, STATIC)
     assert found_m2.shape == (9, 400)
     for i in range(len(anchors)):
         rest = level_model(anchors[:i] + anchors[i + 1 :])

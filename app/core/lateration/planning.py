@@ -157,15 +157,19 @@ def traces(J: FloatArray, rule: FixRule, prior_m2: float) -> FloatArray:
 
 
 def leave_one_out_m2(
-    model: LevelModel, ground: Ground, audible: BoolArray, rule: FixRule, prior_m2: float
+    model: LevelModel, ground: Ground, audible: BoolArray, rule: FixRule
 ) -> FloatArray:
-    """Return `traces` of the layout without each of its anchors in turn, (anchors, cells).
+    """Return `traces`, without a prior, of the layout without each of its anchors in turn.
 
     What the others tell is added up from both ends of the list, never taken off the whole: beside
     an anchor the difference would be rounding.
+
+    Returns
+    -------
+    (anchors, cells)
     """
     places = (ground.x_m, ground.y_m)
-    return np.asarray(_leave_one_out(model.table, places, audible, scale_of(rule, prior_m2)))
+    return np.asarray(_leave_one_out(model.table, places, audible, scale_of(rule, 0.0)))
 
 
 def scale_of(rule: FixRule, prior_m2: float) -> Scale:

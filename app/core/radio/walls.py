@@ -45,8 +45,8 @@ NO_WALLS: FloatArray = np.empty((0, 5))
 SECTORS = 256
 """Directions around an anchor: 1.4 degrees are less than most walls span, and few to go through."""
 
-MAX_CROSSING_TESTS = 1_000_000_000
-"""Tests of a line against a wall in one call: some 5 s, ten times what real floors take."""
+MAX_CROSSING_TESTS = 300_000_000
+"""Tests of a line against a wall in one call: about a second."""
 
 
 class TooManyWallsError(ValueError):
@@ -105,7 +105,8 @@ def heard(
     bounds, tests = (params.threshold_dbm, params.reach_m), 0
     for row, range_m, audible in zip(model.table, _ranges_m(model, params), found, strict=True):
         near = walls[_within(walls, row[X], row[Y], range_m)]
-        tests += _heard_of_one(row, (x_m, y_m), near, bounds, audible)
+        left = MAX_CROSSING_TESTS - tests
+        tests += _heard_of_one(row, (x_m, y_m), near, (*bounds, left), audible)
         if tests > MAX_CROSSING_TESTS:
             msg = f"{len(walls)} walls are too many for so many anchors and places"
             raise TooManyWallsError(msg)
@@ -134,12 +135,15 @@ def _heard_of_one(
     row: FloatArray,
     places: tuple[FloatArray, FloatArray],
     walls: FloatArray,
-    bounds: tuple[float, float],
+    bounds: tuple[float, float, int],
     audible: BoolArray,
 ) -> int:
-    """Fill whether an anchor (row of `LevelModel.table`) is heard; return the tests it took."""
+    """Fill whether an anchor (row of `LevelModel.table`) is heard; return the tests it took.
+
+    The last of the bounds is the number of tests that it gives up after.
+    """
     x, y = places
-    threshold, reach = bounds
+    threshold, reach, most = bounds
     first, listed = _by_sector(row[X], row[Y], walls)
     tests = 0
     for c in range(len(x)):
@@ -156,6 +160,8 @@ def _heard_of_one(
                     if margin < 0.0:
                         break
         audible[c] = margin >= 0.0 and dx * dx + dy * dy <= reach * reach
+        if tests > most:
+            break
     return tests
 
 
