@@ -132,6 +132,34 @@ async def test_walls_of_the_map_count_by_their_material(server: ApiServer) -> No
     assert own["in_range"] == told["in_range"]
 
 
+async def test_new_beacons_hang_over_walkable_floor_or_beside_it(server: ApiServer) -> None:
+    async with server.client() as admin:
+        await put_map(admin, walkable(6))
+        told = await planned(admin, {"cell_m": 1.0, "add": 6, "beacons": []})
+    assert len(told["add"]) == 6
+    assert all(beacon["x"] <= 7.5 for beacon in told["add"])
+
+
+async def test_conditions_of_the_plan_win_over_the_registry_and_a_drafts_own_over_them(
+    server: ApiServer,
+) -> None:
+    async with server.client() as admin:
+        as_registered = await planned(admin, {"cell_m": 2.0})
+        louder = await planned(admin, {"cell_m": 2.0, "noise_db": 10})
+        hung = [{**b, "z": 2.7} for b in as_registered["beacons"]]
+        drafted = await planned(admin, {"cell_m": 2.0, "noise_db": 10, "beacons": hung})
+        own = [{**b, "noise_db": 5} for b in hung]
+        quieter = await planned(admin, {"cell_m": 2.0, "noise_db": 10, "beacons": own})
+        flatter = await planned(admin, {"cell_m": 2.0, "path_loss_exponent": 1})
+        weaker = await planned(admin, {"cell_m": 2.0, "ref_level_dbm": -90})
+    median_m = as_registered["static"]["median"]
+    assert louder["static"]["median"] == pytest.approx(2.0 * median_m, rel=1e-3)
+    assert drafted["static"] == louder["static"]
+    assert quieter["static"] == as_registered["static"]
+    assert flatter["static"]["median"] == pytest.approx(2.0 * median_m, rel=1e-3)
+    assert weaker["in_range"]["max"] < 5
+
+
 async def test_a_map_with_an_unknown_material_is_refused(server: ApiServer) -> None:
     async with server.client() as admin:
         document = {"type": "FeatureCollection", "features": [wall(5, material="cheese")]}
