@@ -134,10 +134,10 @@ async def test_walls_of_the_map_count_by_their_material(server: ApiServer) -> No
 
 async def test_new_beacons_hang_over_walkable_floor_or_beside_it(server: ApiServer) -> None:
     async with server.client() as admin:
-        await put_map(admin, walkable(6))
+        await put_map(admin, walkable(1))
         told = await planned(admin, {"cell_m": 1.0, "add": 6, "beacons": []})
     assert len(told["add"]) == 6
-    assert all(beacon["x"] <= 7.5 for beacon in told["add"])
+    assert all(beacon["x"] <= 2.5 for beacon in told["add"])
 
 
 async def test_conditions_of_the_plan_win_over_the_registry_and_a_drafts_own_over_them(
