@@ -23,6 +23,7 @@ from app.api.paging import Page, Paging, page_of
 from app.api.resource import (
     Admin,
     Context,
+    ProfileName,
     Reader,
     StrictModel,
     Text,
@@ -51,6 +52,11 @@ class DeviceFields(StrictModel):
         description="How much louder than others it hears; taken off every level that it reports"
         " from its next batch on",
     )
+    profile: ProfileName | None = Field(
+        None,
+        description="Of its sessions that name none, one of `/v1/profiles`; null: the site's."
+        " Live sessions follow with their next batch",
+    )
 
 
 class Device(DeviceFields):
@@ -60,7 +66,6 @@ class Device(DeviceFields):
     site_id: str | None
     platform: str | None
     model: str | None
-    profile: str | None
     first_seen: str | None
     last_seen: str | None
     status: Annotated[DeviceStatus, Field(strict=False)]
@@ -99,7 +104,7 @@ async def patch_device(
     seen: Seen,
     response: Response,
 ) -> Device:
-    """Change name, person or level offset (merge-patch)."""
+    """Change name, person, level offset or profile (merge-patch)."""
     await device_in_scope(context, principal, device_id)
 
     def edit(device: StoredDevice) -> StoredDevice:
@@ -161,7 +166,6 @@ def _view(device: StoredDevice, now_s: float) -> Device:
         site_id=device.site_id,
         platform=device.platform,
         model=device.model,
-        profile=device.profile,
         first_seen=None if first_s is None else iso_time(first_s),
         last_seen=None if last_s is None else iso_time(last_s),
         status=status_of(last_s, now_s),

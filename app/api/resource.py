@@ -6,13 +6,14 @@ from uuid import uuid4
 
 from fastapi import APIRouter, Depends, HTTPException, Request, Response
 from fastapi.routing import APIRoute
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 from starlette.types import Message, Receive
 
 from app.api.auth import READERS, Principal, Role, check_site, require
 from app.api.conditional import etag_of
 from app.api.context import ApiContext, context_of
 from app.services.errors import AppError, ErrorCode
+from app.services.profiles import profile_names, unknown_profile
 
 MAX_JSON_BYTES = 1 << 20
 
@@ -36,6 +37,19 @@ Identifier = Annotated[
         description="Chosen by you; made up if left out",
         default_factory=lambda: uuid4().hex[:12],
     ),
+]
+
+
+def _known_profile(name: str) -> str:
+    if name not in profile_names():
+        raise ValueError(unknown_profile(name))
+    return name
+
+
+ProfileName = Annotated[
+    str,
+    AfterValidator(_known_profile),
+    Field(json_schema_extra=lambda schema: schema.update(enum=list(profile_names()))),
 ]
 Metres = Annotated[float, Field(ge=-100_000, le=100_000)]
 

@@ -1,7 +1,7 @@
 """``/v1/sites``: places with one metric frame each."""
 
 from dataclasses import replace
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 from fastapi import Request, Response
 from pydantic import Field
@@ -23,6 +23,7 @@ from app.api.resource import (
     Context,
     Identifier,
     Name,
+    ProfileName,
     Reader,
     StrictModel,
     created,
@@ -44,7 +45,11 @@ class SiteFields(StrictModel):
     retention_days: Annotated[float, Field(gt=0, le=36_500)] | None = Field(
         None, description="How long scans, steps and tracks are kept; null: the server's limit"
     )
-    default_profile: Literal["best"] = "best"
+    default_profile: ProfileName = Field(
+        "best",
+        description="Of sessions that name none and whose device has none; one of `/v1/profiles`."
+        " Live sessions follow with their next batch",
+    )
 
 
 class NewSite(SiteFields):

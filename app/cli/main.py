@@ -21,6 +21,7 @@ cli = typer.Typer(
                 "Measure accuracy on public data sets.",
             ),
             "plan": ("app.cli.plan:plan", "Predict the error of a layout of beacons."),
+            "profiles": ("app.cli.profiles:profiles", "Show the profiles and their parameters."),
             "import": ("app.cli.imports:importing", "Bring in sites, beacons and fingerprints."),
             "token": ("app.cli.token:tokens", "Make, list and revoke access tokens."),
             "migrate": ("app.cli.migrate:migrate", "Bring the database to this version's schema."),

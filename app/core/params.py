@@ -146,14 +146,16 @@ class StepParams:
         A step's swing must rise this far over the mean; less is fidgeting.
     min_interval_s
         Nobody steps faster.
-    pause_s
-        After a longer interval the cadence is unknown and ``cadence_hz`` is assumed.
+    pause_s, cadence_hz
+        After a longer interval the cadence is unknown and this one, usual indoors, is assumed.
     length_coefficients
         Step length = c0 + c1 A + c2 f + c3 A f, A = (peak - valley)^(1/4) (Weinberg 2002),
         f = cadence; fitted between waypoints of ms2020 map walks. In a new site it is a prior and
         the filter's scale does the rest.
     min_length_m, max_length_m
         Bounds of an adult's indoor step.
+    usual_length_m
+        Of steps that the phone only counts.
     """
 
     lowpass_hz: float = 2.0

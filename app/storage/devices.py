@@ -19,6 +19,8 @@ class StoredDevice:
         Where it was last, None if the site is gone.
     last_seen_s
         When its newest batch came.
+    profile
+        Of its sessions that name none; None: the site's.
     level_offset_db
         How much louder than others it hears; taken off every level it reports.
     """
@@ -62,7 +64,12 @@ def update_device(connection: Connection, device: StoredDevice) -> int:
         DEVICES,
         device.device_id,
         device.row_version,
-        {"name": device.name, "person": device.person, "level_offset_db": device.level_offset_db},
+        {
+            "name": device.name,
+            "person": device.person,
+            "level_offset_db": device.level_offset_db,
+            "profile": device.profile,
+        },
     )
 
 

@@ -62,6 +62,8 @@ ROUTES = [
     ("DELETE", "/v1/beacons/b1", None, EDIT),
     ("GET", "/v1/radio-maps", None, READ),
     ("GET", "/v1/radio-maps/none", None, {**dict.fromkeys(READ, 404), "phone-7": 403}),
+    ("GET", "/v1/profiles", None, READ),
+    ("GET", "/v1/profiles/none", None, {**dict.fromkeys(READ, 404), "phone-7": 403}),
     ("GET", "/v1/tokens", None, {**EDIT, "admin": 200}),
     ("POST", "/v1/tokens", {"name": "x", "role": "viewer", "site_id": "lab"}, EDIT),
     ("GET", "/v1/tokens/{lab-token}", None, {**EDIT, "admin": 200}),
@@ -78,6 +80,8 @@ ROUTES = [
 _LISTS = {
     path for method, path, *_ in ROUTES if method == "GET" and re.fullmatch(r"/v1/[a-z-]+", path)
 }
+
+_OF_NO_SITE = {"/v1/profiles": 200, "/v1/profiles/none": 404, "/v1/radio-maps/none": 404}
 
 
 async def _token(server: ApiServer, **grant: object) -> dict[str, str]:
@@ -129,15 +133,15 @@ async def test_a_token_of_another_site_sees_and_edits_nothing(server: ApiServer)
         for method, path, body, _ in ROUTES:
             target = path.replace("{lab-token}", lab_token)
             reply = await _call(client, method, target, body)
-            if path in _LISTS and method == "GET":
+            if path in _OF_NO_SITE:
+                assert reply.status_code == _OF_NO_SITE[path]
+            elif path in _LISTS and method == "GET":
                 foreign = [i for i in reply.json()["items"] if i.get("site_id") != "annex"]
                 if reply.status_code != 200 or foreign:
                     wrong.append(f"{method} {path}: {reply.status_code} {foreign}")
-            elif path == "/v1/radio-maps/none":
-                assert reply.status_code == 404
             elif (reply.status_code, reply.json()["code"]) != (403, "site_forbidden"):
                 wrong.append(f"{method} {path}: {reply.status_code}")
-        for path in _LISTS - {"/v1/sites", "/v1/tokens"}:
+        for path in _LISTS - {"/v1/sites", "/v1/tokens", "/v1/profiles"}:
             reply = await client.get(path, params={"site_id": "lab"})
             if reply.status_code != 403:
                 wrong.append(f"GET {path}?site_id=lab: {reply.status_code}")

@@ -14,6 +14,7 @@ COMMANDS = (
     ("replay",),
     ("migrate",),
     ("plan",),
+    ("profiles",),
     ("import", "ms2020"),
     ("import", "csv", "beacons"),
     ("import", "csv", "fingerprints"),
