@@ -30,7 +30,19 @@ class SessionClock:
 
 @dataclass(frozen=True, slots=True)
 class SessionRecord:
-    """A session as it was opened; ``session_id`` is the server's name, ``session`` the phone's."""
+    """A session as it was opened; ``session_id`` is the server's name, ``session`` the phone's.
+
+    Attributes
+    ----------
+    profile
+        With which all of it is folded.
+    profile_named
+        Whether the phone named the profile; if not, it is that of the device or of its site, and
+        follows when they change it.
+    profile_since_s
+        Event time of the last such change: points before it stay as they were told with the profile
+        of then, until the session ends. None: there was no change.
+    """
 
     session_id: str
     device_id: str
@@ -40,6 +52,8 @@ class SessionRecord:
     clock: SessionClock
     opened_s: float
     finished: bool = False
+    profile_named: bool = False
+    profile_since_s: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -85,7 +85,8 @@ class IngestService:
         with _refusals(upload):
             device = await self._device(upload.device_id)
             site = choose_site(self._sites, principal, upload.site_id, device.site_id)
-            params = choose_params(self._sites, site.site_id, upload.profile, device.profile)
+            usual = choose_params(self._sites, site.site_id, device.profile)
+            named = choose_params(self._sites, site.site_id, upload.profile, usual.profile)
             now_s = self._clock.now_s()
             batch = IncomingBatch(
                 device_id=upload.device_id,
@@ -93,12 +94,13 @@ class IngestService:
                 seq=upload.seq,
                 digest=upload.digest,
                 site_id=site.site_id,
-                profile=params.profile,
+                profile=usual.profile,
                 received_s=now_s,
                 clock=upload.clock,
                 records=_levelled(upload.records, device.level_offset_db),
                 rejected=upload.rejected,
                 ignored=upload.ignored,
+                named_profile=named.profile if upload.profile else None,
             )
             submitted = await self._registry.submit(batch)
             self._note_sighting(upload, device, site.site_id, now_s)

@@ -29,8 +29,9 @@ class IncomingRecord:
 class IncomingBatch:
     """One decoded body; ``session`` is the phone's name for the session.
 
-    ``site_id`` and ``profile`` count when the batch opens its session; ``rejected`` and ``ignored``
-    are what the edge has sorted out already.
+    ``site_id`` and ``named_profile``, which the phone asks for, count when the batch opens its
+    session. ``profile`` is the device's, else the site's: a session that named none follows it.
+    ``rejected`` and ``ignored`` are what the edge has sorted out already.
     """
 
     device_id: str
@@ -44,6 +45,7 @@ class IncomingBatch:
     records: tuple[IncomingRecord, ...]
     rejected: tuple[Rejection, ...] = ()
     ignored: int = 0
+    named_profile: str | None = None
 
 
 @dataclass(frozen=True, slots=True)

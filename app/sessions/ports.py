@@ -99,6 +99,10 @@ class ObservationLog(Protocol):
         """Mark the session's final track as stored."""
         ...
 
+    async def switch_profile(self, record: SessionRecord) -> None:
+        """Store the session's profile, and since when it is on."""
+        ...
+
     async def reopen_session(self, session_id: str) -> None:
         """Mark the session unfinished: the phone came back and its track will change."""
         ...
@@ -107,12 +111,12 @@ class ObservationLog(Protocol):
 class SnapshotStore(Protocol):
     """Checkpoints of running sessions, written in order with the points of tracks."""
 
-    async def save(self, session_id: str, state: SessionState) -> None:
+    async def save(self, session_id: str, profile: str, state: SessionState) -> None:
         """Replace the session's snapshot; `LogUnavailableError` if that took too long."""
         ...
 
-    async def load(self, session_id: str) -> SessionState | None:
-        """Return the session's snapshot if there is one."""
+    async def load(self, session_id: str, profile: str) -> SessionState | None:
+        """Return the session's snapshot if there is one that was folded with this profile."""
         ...
 
 

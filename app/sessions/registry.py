@@ -5,7 +5,7 @@ import logging
 import math
 import uuid
 from collections.abc import Awaitable, Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 from app.core.params import Params
@@ -187,6 +187,8 @@ class SessionRegistry:
         if record.site_id != batch.site_id or not is_same_clock(record.clock, batch.clock):
             raise ClockChangedError(batch.session)
         session = await self._awake(slot)
+        switched = await self._follow_profile(slot, session, batch.profile)
+        record = slot.record
         slot.seen_s = self._clock.now_s()
         observations, rejected = observations_in_event_time(batch, record.clock)
         logged = LoggedBatch(
@@ -199,9 +201,9 @@ class SessionRegistry:
             ignored=batch.ignored,
         )
         stored = await self._append(session, logged)
-        changed = False
+        changed = switched
         if stored is logged or session.is_unconfirmed(batch.seq):
-            changed = await self._fold(slot, session, stored)
+            changed = await self._fold(slot, session, stored) or switched
         output = session.output()
         if changed and output is not None:
             self._show(record, output)
@@ -222,9 +224,10 @@ class SessionRegistry:
             device_id=batch.device_id,
             session=batch.session,
             site_id=batch.site_id,
-            profile=batch.profile,
+            profile=batch.named_profile or batch.profile,
             clock=freeze_clock(batch.clock, batch.received_s),
             opened_s=batch.received_s,
+            profile_named=batch.named_profile is not None,
         )
         record = await self._ports.log.open_session(opened)
         if record.finished:
@@ -238,7 +241,7 @@ class SessionRegistry:
         return slot
 
     def _new_session(self, record: SessionRecord) -> DeviceSession:
-        return DeviceSession(record, lambda: self._world(record), self._ports, self._limits)
+        return DeviceSession(record, self._world, self._ports, self._limits)
 
     async def _awake(self, slot: _Slot) -> DeviceSession:
         if slot.live is None:
@@ -246,6 +249,26 @@ class SessionRegistry:
             await session.recover(provisional=slot.provisional)
             slot.live = session
         return slot.live
+
+    async def _follow_profile(self, slot: _Slot, session: DeviceSession, profile: str) -> bool:
+        """Let a session that named no profile change to the one that it would be opened with now.
+
+        Stored before anything is told with it: after a crash the session goes on with it.
+        """
+        if slot.record.profile_named or slot.record.profile == profile:
+            return False
+        await session.settle()
+        await self._ports.tracks.flush()
+        since_s = session.folded_until_s
+        switched = replace(slot.record, profile=profile, profile_since_s=since_s)
+        await self._ports.log.switch_profile(switched)
+        slot.record = switched
+        try:
+            await session.switch(switched)
+        except Exception:
+            slot.live, slot.provisional = None, True
+            raise
+        return True
 
     async def _append(self, session: DeviceSession, batch: LoggedBatch) -> LoggedBatch:
         try:

@@ -16,8 +16,8 @@ from app.sessions.window import Keyed, ReorderWindow, merge
 # Event times count from the Unix epoch: nothing is older.
 BEGINNING_S = 0.0
 
-# The site and the parameters as they are now.
-World = Callable[[], tuple[SiteModel, Params]]
+# The site as it is now and the parameters of the session's profile.
+World = Callable[[SessionRecord], tuple[SiteModel, Params]]
 
 
 class DeviceSession:
@@ -42,16 +42,33 @@ class DeviceSession:
 
     async def recover(self, *, provisional: bool) -> None:
         """Come back from the snapshot and the log after it."""
-        state = await self._ports.snapshots.load(self.record.session_id)
+        record = self.record
+        state = await self._ports.snapshots.load(record.session_id, record.profile)
         state = self._ports.fold.start() if state is None else state
         since_s = None if state.last_key is None else state.last_key[0]
-        batches = await self._ports.log.read(self.record.session_id, since_s)
+        batches = await self._ports.log.read(record.session_id, since_s)
         self._window = self._new_window(state)
         self._saved_s = _time_s(state)
         self._doubtful = provisional
         todo, _ = self._window.sift(await self._sort_all(batches))
-        outputs = await self._fold_all(self._window, todo)
+        outputs = await self._fold_all(record, self._window, todo)
         self._replace_outputs(outputs)
+
+    async def switch(self, record: SessionRecord) -> None:
+        """Take on another profile: everything logged is folded again, as if it had always been on.
+
+        What was told before ``record.profile_since_s`` stays in the track until the session ends.
+        """
+        window = self._new_window(self._ports.fold.start())
+        batches = await self._ports.log.read(record.session_id)
+        await self._fold_all(record, window, await self._sort_all(batches))
+        self.record, self._window, self._saved_s = record, window, -math.inf
+
+    @property
+    def folded_until_s(self) -> float | None:
+        """Event time of the newest observation folded; whole seconds before it have been told."""
+        state = self._window.state
+        return None if state.last_key is None else state.last_key[0]
 
     @property
     def provisional(self) -> bool:
@@ -66,12 +83,12 @@ class DeviceSession:
 
     def output(self) -> Output | None:
         """Return the position or its absence at the latest observation."""
-        outputs = self._ports.fold.finish(self._window.state, *self._world())
+        outputs = self._ports.fold.finish(self._window.state, *self._world(self.record))
         return outputs[-1] if outputs else None
 
     def pending_points(self) -> tuple[TrackPoint, ...]:
         """Return the points that the stored track would end with if nothing more came."""
-        return _points(self._ports.fold.finish(self._window.state, *self._world()))
+        return _points(self._ports.fold.finish(self._window.state, *self._world(self.record)))
 
     def mark_unconfirmed(self, seq: int) -> None:
         """Remember a batch whose write was given up: it may yet have landed in the log."""
@@ -89,7 +106,7 @@ class DeviceSession:
         if not fresh:
             return False
         undone = self._window.rewind(fresh[0].key)
-        outputs = await self._fold_all(self._window, merge(fresh, undone))
+        outputs = await self._fold_all(self.record, self._window, merge(fresh, undone))
         if undone:
             self._replace_outputs(outputs)
         elif points := _points(outputs):
@@ -102,7 +119,7 @@ class DeviceSession:
             return
         batches = await self._ports.log.read(self.record.session_id)
         window = self._new_window(self._ports.fold.start())
-        outputs = await self._fold_all(window, await self._sort_all(batches))
+        outputs = await self._fold_all(self.record, window, await self._sort_all(batches))
         self._window = window
         self._doubtful = False
         self._replace_from(BEGINNING_S, outputs)
@@ -112,7 +129,8 @@ class DeviceSession:
         keyed = await self._sort_all(await self._ports.log.read(self.record.session_id))
         observations = [k.observation for k in keyed]
         # A whole day may take seconds: in a thread, other phones are served meanwhile.
-        points = await asyncio.to_thread(self._ports.fold.smoothed, observations, *self._world())
+        world = self._world(self.record)
+        points = await asyncio.to_thread(self._ports.fold.smoothed, observations, *world)
         # Should the phone come back, its track is provisional again.
         self._doubtful = True
         self._ports.tracks.replace_from(self.record.session_id, BEGINNING_S, points)
@@ -123,7 +141,8 @@ class DeviceSession:
         """Save the checkpoint; the points up to it are with the track store already."""
         checkpoint = self._window.checkpoint
         if checkpoint.last_key is not None:
-            await self._ports.snapshots.save(self.record.session_id, checkpoint)
+            record = self.record
+            await self._ports.snapshots.save(record.session_id, record.profile, checkpoint)
             self._saved_s = _time_s(checkpoint)
 
     def _replace_outputs(self, outputs: list[Output]) -> None:
@@ -133,7 +152,11 @@ class DeviceSession:
             self._replace_from(outputs[0].time_s, outputs)
 
     def _replace_from(self, from_s: float, outputs: list[Output]) -> None:
-        self._ports.tracks.replace_from(self.record.session_id, from_s, _points(outputs))
+        since_s = self.record.profile_since_s
+        if since_s is not None:
+            from_s = max(from_s, since_s)
+        points = [point for point in _points(outputs) if point.time_s >= from_s]
+        self._ports.tracks.replace_from(self.record.session_id, from_s, points)
 
     async def _sort_all(self, batches: Iterable[LoggedBatch]) -> list[Keyed]:
         """Return the batches' observations in order, each once."""
@@ -144,8 +167,10 @@ class DeviceSession:
             await self._give_way(done)
         return [Keyed(key, keyed[key]) for key in sorted(keyed)]
 
-    async def _fold_all(self, window: ReorderWindow, todo: list[Keyed]) -> list[Output]:
-        site, params = self._world()
+    async def _fold_all(
+        self, record: SessionRecord, window: ReorderWindow, todo: list[Keyed]
+    ) -> list[Output]:
+        site, params = self._world(record)
         outputs: list[Output] = []
         for done, keyed in enumerate(todo, start=1):
             outputs.extend(window.push(keyed, site, params))

@@ -90,14 +90,21 @@ class SqlObservationLog:
         return await self._database.read(lambda c: [_batch(row) for row in c.execute(query)])
 
     async def finish_session(self, session_id: str) -> None:
-        """Mark the session's final track as stored."""
-        finish = update(SESSIONS).where(SESSIONS.c.id == session_id).values(finished=True)
+        """Mark the session's final track as stored; it is of one profile."""
+        finish = update(SESSIONS).where(SESSIONS.c.id == session_id)
+        finish = finish.values(finished=True, profile_since_s=None)
         await self._database.write(lambda c: c.execute(finish).close())
 
     async def reopen_session(self, session_id: str) -> None:
         """Mark the session unfinished: the phone came back and its track will change."""
         reopen = update(SESSIONS).where(SESSIONS.c.id == session_id).values(finished=False)
         await self._write(lambda c: c.execute(reopen).close())
+
+    async def switch_profile(self, record: SessionRecord) -> None:
+        """Store the session's profile, and since when it is on."""
+        switch = update(SESSIONS).where(SESSIONS.c.id == record.session_id)
+        switch = switch.values(profile=record.profile, profile_since_s=record.profile_since_s)
+        await self._write(lambda c: c.execute(switch).close())
 
     async def _write(self, statement: Callable[[Connection], T]) -> T:
         try:
@@ -243,6 +250,8 @@ def _values(record: SessionRecord) -> Values:
         "session": record.session,
         "site_id": record.site_id,
         "profile": record.profile,
+        "profile_named": record.profile_named,
+        "profile_since_s": record.profile_since_s,
         "clock_recorded": record.clock.recorded,
         "clock_offset_s": record.clock.offset_s,
         "clock_mono_to_wall_s": record.clock.mono_to_wall_s,
@@ -267,4 +276,6 @@ def _record(row: Row[tuple[object, ...]]) -> SessionRecord:
         ),
         opened_s=row.opened_s,
         finished=row.finished,
+        profile_named=row.profile_named,
+        profile_since_s=row.profile_since_s,
     )

@@ -23,17 +23,22 @@ class SqlSnapshotStore:
         self._database = database
         self._codec = TreeCodec(SessionState)
 
-    async def save(self, session_id: str, state: SessionState) -> None:
-        """Replace the session's snapshot."""
-        row = {"session_id": session_id, "payload": self._codec.encode(state)}
+    async def save(self, session_id: str, profile: str, state: SessionState) -> None:
+        """Replace the session's snapshot by one that was folded with this profile."""
+        payload = self._codec.encode(state)
+        row = {"session_id": session_id, "profile": profile, "payload": payload}
         await self._database.write(lambda connection: upsert(connection, SNAPSHOTS, [row]))
 
-    async def load(self, session_id: str) -> SessionState | None:
-        """Return the session's snapshot; None if there is none, or another build wrote it.
+    async def load(self, session_id: str, profile: str) -> SessionState | None:
+        """Return the session's snapshot.
+
+        None if there is none of this profile, or another build wrote it.
 
         Without a snapshot the session is folded again from its log.
         """
-        query = select(SNAPSHOTS.c.payload).where(SNAPSHOTS.c.session_id == session_id)
+        query = select(SNAPSHOTS.c.payload).where(
+            SNAPSHOTS.c.session_id == session_id, SNAPSHOTS.c.profile == profile
+        )
         blob = await self._database.read(lambda connection: connection.scalar(query))
         if blob is None:
             return None

@@ -276,6 +276,10 @@ SESSIONS = Table(
     Column("session", String, nullable=False),
     _site_id(),
     Column("profile", String, nullable=False),
+    # The phone named the profile: it does not follow when its device or site gets another one.
+    Column("profile_named", Boolean, nullable=False, server_default=text("false")),
+    # Event time since which the profile is on; NULL: always.
+    Column("profile_since_s", EXACT_FLOAT),
     Column("clock_recorded", Boolean, nullable=False),
     Column("clock_offset_s", Double, nullable=False),
     Column("clock_mono_to_wall_s", Double),
@@ -317,6 +321,8 @@ SNAPSHOTS = Table(
     "snapshots",
     METADATA,
     _session_key(),
+    # With which it was folded: for another profile it is of no use.
+    Column("profile", String, nullable=False, server_default=""),
     Column("payload", LargeBinary, nullable=False),
 )
 

@@ -55,7 +55,8 @@ class ChainFold:
         assert state.last_key is None or key > state.last_key, "folded out of order or twice"
         outputs = _seconds(state, observation.time_s)
         latest_s = max(event_time_s(observation), state.latest_s or -math.inf)
-        chain = hashlib.blake2b(state.chain + repr(key).encode(), digest_size=8).digest()
+        link = f"{params.profile} {key!r}".encode()
+        chain = hashlib.blake2b(state.chain + link, digest_size=8).digest()
         return ChainState(key, latest_s, observation.time_s, chain=chain), outputs
 
     def finish(self, state: SessionState, site: SiteModel, params: Params) -> tuple[Output, ...]:
@@ -67,7 +68,7 @@ class ChainFold:
     def smoothed(
         self, observations: Sequence[Observation], site: SiteModel, params: Params
     ) -> tuple[TrackPoint, ...]:
-        return tuple(straight_track(observations, self))
+        return tuple(straight_track(observations, self, params.profile))
 
 
 def _seconds(state: ChainState, to_s: float) -> tuple[Output, ...]:
@@ -100,14 +101,16 @@ def _report(state: ChainState, time_s: float) -> Output:
     )
 
 
-def straight_track(observations: Sequence[Observation], fold: ChainFold) -> list[TrackPoint]:
+def straight_track(
+    observations: Sequence[Observation], fold: ChainFold, profile: str = "best"
+) -> list[TrackPoint]:
     """Return the track of observations folded in order, without any session around it."""
-    state, outputs = fold.start(), []
+    state, outputs, params = fold.start(), [], replace(PARAMS, profile=profile)
     keyed: dict[OrderKey, Observation] = {order_key(o): o for o in observations}
     for key in sorted(keyed):
-        state, more = fold.advance(state, keyed[key], SITE, PARAMS)
+        state, more = fold.advance(state, keyed[key], SITE, params)
         outputs += more
-    outputs += fold.finish(state, SITE, PARAMS)
+    outputs += fold.finish(state, SITE, params)
     by_time = {o.time_s: o for o in outputs if isinstance(o, TrackPoint)}
     return [by_time[time_s] for time_s in sorted(by_time)]
 
@@ -132,7 +135,7 @@ class OneSite:
         return self.site if site_id == SITE.site_id else None
 
     def params(self, site_id: str, profile: str) -> Params:
-        return PARAMS
+        return replace(PARAMS, profile=profile)
 
 
 class ProcessDiedError(Exception):
@@ -182,13 +185,21 @@ class MemoryLog:
     async def finish_session(self, session_id: str) -> None:
         self._set_finished(session_id, finished=True)
 
+    async def switch_profile(self, record: SessionRecord) -> None:
+        for key, stored in self.sessions.items():
+            if stored.session_id == record.session_id:
+                since_s = record.profile_since_s
+                self.sessions[key] = replace(
+                    stored, profile=record.profile, profile_since_s=since_s
+                )
+
     async def reopen_session(self, session_id: str) -> None:
         self._set_finished(session_id, finished=False)
 
     def _set_finished(self, session_id: str, *, finished: bool) -> None:
         for key, record in self.sessions.items():
             if record.session_id == session_id:
-                self.sessions[key] = replace(record, finished=finished)
+                self.sessions[key] = replace(record, finished=finished, profile_since_s=None)
 
 
 class MemoryHistory:
@@ -196,7 +207,7 @@ class MemoryHistory:
 
     def __init__(self) -> None:
         self.tracks: dict[str, dict[int, TrackPoint]] = {}
-        self.snapshots: dict[str, SessionState] = {}
+        self.snapshots: dict[str, tuple[str, SessionState]] = {}
         self.sessions: dict[tuple[str, str], SessionRecord] = {}
         self.queue: list[Callable[[], None]] = []
         self.refusing = False
@@ -220,13 +231,14 @@ class MemoryHistory:
                 last[r.device_id] = LastPoint(r.device_id, r.session_id, r.site_id, track[-1])
         return list(last.values())
 
-    async def save(self, session_id: str, state: SessionState) -> None:
-        self.queue.append(lambda: self.snapshots.update({session_id: state}))
+    async def save(self, session_id: str, profile: str, state: SessionState) -> None:
+        self.queue.append(lambda: self.snapshots.update({session_id: (profile, state)}))
         await self.flush()
         self.saved += 1
 
-    async def load(self, session_id: str) -> SessionState | None:
-        return self.snapshots.get(session_id)
+    async def load(self, session_id: str, profile: str) -> SessionState | None:
+        stored = self.snapshots.get(session_id)
+        return stored[1] if stored is not None and stored[0] == profile else None
 
     def crash(self, kept: int) -> None:
         """Write the first of what waits; forget the rest."""

@@ -23,25 +23,26 @@ def state(latest_s: float) -> SessionState:
 
 
 async def test_the_last_snapshot_is_loaded(store: SqlSnapshotStore):
-    assert await store.load("s-1") is None
-    await store.save("s-1", state(1.0))
-    await store.save("s-1", state(2.1))
-    loaded = await store.load("s-1")
+    assert await store.load("s-1", "best") is None
+    await store.save("s-1", "best", state(1.0))
+    await store.save("s-1", "best", state(2.1))
+    loaded = await store.load("s-1", "best")
     assert repr(loaded) == repr(state(2.1))
-    assert await store.load("s-2") is None
+    assert await store.load("s-2", "best") is None
+    assert await store.load("s-1", "other") is None
 
 
 async def test_the_snapshot_of_another_build_is_not_used(
     store: SqlSnapshotStore, database: Database
 ):
-    await store.save("s-1", state(1.0))
+    await store.save("s-1", "best", state(1.0))
     await database.write(lambda c: c.execute(update(SNAPSHOTS).values(payload=b"\x02old")).close())
-    assert await store.load("s-1") is None
+    assert await store.load("s-1", "best") is None
 
 
 async def test_points_written_before_a_snapshot_are_stored_with_it(
     store: SqlSnapshotStore, database: Database
 ):
     SqlTrackStore(database).write("s-1", [track_point(1.0)])
-    await store.save("s-1", state(1.0))
+    await store.save("s-1", "best", state(1.0))
     assert await database.read(lambda c: c.scalar(select(TRACK_POINTS.c.time_us))) == 1_000_000
