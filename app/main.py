@@ -19,6 +19,7 @@ from app.services.first_start import make_first_token
 from app.services.housekeeping import Housekeeping, Retention
 from app.services.ingest import IngestService
 from app.services.planning_queue import PlanQueue
+from app.services.replay import ReplayService
 from app.services.site import SiteDirectory
 from app.services.tokens import Authenticator
 from app.sessions.hub import Hub
@@ -139,6 +140,7 @@ def _build(settings: Settings, database: Database, clock: Clock) -> tuple[ApiCon
         registry=registry,
         hub=hub,
         ingest=IngestService(registry, hub, directory, database, clock),
+        replays=ReplayService(database, directory),
         authenticator=Authenticator(
             lambda token_hash: database.read(lambda c: find_token(c, token_hash)),
             clock,

@@ -17,6 +17,7 @@ from app.api import (
     planner,
     profiles,
     radio_maps,
+    replay,
     sites,
     stream,
     tokens,
@@ -46,6 +47,7 @@ ROUTERS = (
     tokens.router,
     devices.router,
     tracks.router,
+    replay.router,
 )
 
 

@@ -7,6 +7,7 @@ from starlette.requests import HTTPConnection
 
 from app.services.ingest import IngestService
 from app.services.planning_queue import PlanQueue
+from app.services.replay import ReplayService
 from app.services.site import SiteDirectory
 from app.services.tokens import Authenticator
 from app.sessions.hub import Hub
@@ -34,6 +35,7 @@ class ApiContext:
     registry: SessionRegistry
     hub: Hub
     ingest: IngestService
+    replays: ReplayService
     authenticator: Authenticator
     plans: PlanQueue
     limits: ApiLimits

@@ -106,7 +106,9 @@ EXAMPLES: dict[tuple[str, str], Example] = {
         "name": "Forklift 3",
         "person": "Ada",
         "level_offset_db": -2,
+        "profile": "best",
     },
+    ("post", "/v1/devices/{device_id}/replay"): {"profile": "best"},
 }
 
 

@@ -149,12 +149,13 @@ async def get_track(
         principal.site_id,
     )
     page = await read_page(context.database, context.registry, query)
-    return _track_response(request, context, media_type, page)
+    return track_response(request, context, media_type, page)
 
 
-def _track_response(
+def track_response(
     request: Request, context: ApiContext, media_type: str, page: TrackPage
 ) -> Response:
+    """Return a page of a track in a form of `MEDIA_TYPES`."""
     next_cursor = None
     if page.next_after is not None:
         time_us, session_id = page.next_after

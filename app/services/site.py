@@ -96,7 +96,7 @@ def load_site_model(connection: Connection, site_id: str) -> SiteModel | None:
         version=site.model_version,
         floors=tuple(_floor(connection, floor) for floor in stored),
         anchors=anchors_of_site(connection, site_id),
-        radio_map=_fitted(radio_map, tuple(floor.floor_id for floor in stored)),
+        radio_map=fitted_map(radio_map, tuple(floor.floor_id for floor in stored)),
         x_axis_from_east_rad=georeference.x_axis_from_east_rad if georeference else 0.0,
     )
 
@@ -123,7 +123,7 @@ def _floor(connection: Connection, stored: StoredFloor) -> Floor:
     )
 
 
-def _fitted(radio_map: RadioMap | None, floor_ids: tuple[str, ...]) -> RadioMap | None:
+def fitted_map(radio_map: RadioMap | None, floor_ids: tuple[str, ...]) -> RadioMap | None:
     """Return the map with the site's floors; one of removed floors only is as good as none."""
     if radio_map is None or not set(radio_map.floor_ids) & set(floor_ids):
         return None

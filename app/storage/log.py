@@ -4,7 +4,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import TypeVar
 
-from sqlalchemy import Connection, Row, Select, bindparam, delete, select, update
+from sqlalchemy import Connection, Row, Select, bindparam, delete, func, select, update
 
 from app.core.engine import event_time_s
 from app.core.session import (
@@ -113,6 +113,24 @@ class SqlObservationLog:
             raise LogUnavailableError(str(error)) from error
 
 
+def find_session(
+    connection: Connection, device_id: str, session: str | None
+) -> SessionRecord | None:
+    """Return a device's session by the phone's name for it (None: the newest), if it is there."""
+    query = select(SESSIONS).where(SESSIONS.c.device_id == device_id)
+    if session is not None:
+        query = query.where(SESSIONS.c.session == session)
+    row = connection.execute(query.order_by(SESSIONS.c.opened_s.desc()).limit(1)).first()
+    return None if row is None else _record(row)
+
+
+def logged_bytes(connection: Connection, session_id: str) -> int:
+    """Return how large a session's observations are as stored."""
+    batches = OBSERVATION_BATCHES
+    size = select(func.sum(func.length(batches.c.payload)))
+    return connection.execute(size.where(batches.c.session_id == session_id)).scalar() or 0
+
+
 async def purge_imu(database: Database, before_s: float) -> int:
     """Remove raw IMU received before ``before_s`` from finished sessions; return batches changed.
 
@@ -183,14 +201,8 @@ def _open_session(record: SessionRecord, connection: Connection) -> SessionRecor
     }
     insert_new(connection, DEVICES, device, DEVICES.c.id)
     insert_new(connection, SESSIONS, _values(record), SESSIONS.c.device_id, SESSIONS.c.session)
-    stored = _find_session(record.device_id, record.session, connection)
+    stored = find_session(connection, record.device_id, record.session)
     return record if stored is None else stored
-
-
-def _find_session(device_id: str, session: str, connection: Connection) -> SessionRecord | None:
-    query = select(SESSIONS).where(SESSIONS.c.device_id == device_id, SESSIONS.c.session == session)
-    row = connection.execute(query).first()
-    return None if row is None else _record(row)
 
 
 def _append(values: Values, connection: Connection) -> LoggedBatch | None:

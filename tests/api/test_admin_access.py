@@ -73,6 +73,7 @@ ROUTES = [
     ("PATCH", "/v1/devices/phone-7", {"person": "Ada"}, EDIT),
     ("GET", "/v1/devices/phone-7/fix", None, OWN),
     ("GET", "/v1/devices/phone-7/track", None, OWN),
+    ("POST", "/v1/devices/phone-7/replay", {}, READ),
     ("GET", "/v1/fixes?site_id=lab", None, READ),
     ("DELETE", "/v1/devices/phone-7", None, EDIT),
 ]
