@@ -3,7 +3,7 @@
 from dataclasses import replace
 from typing import Annotated, Any
 
-from fastapi import Depends, Request, Response
+from fastapi import Depends, Query, Request, Response
 from pydantic import Field
 
 from app.api.auth import READERS, Principal, Role, check_device, require
@@ -17,8 +17,8 @@ from app.api.conditional import (
     patched,
 )
 from app.api.context import ApiContext
+from app.api.explanation import EXPLAINED_FIX_REPLY, explanation_json
 from app.api.fix import iso_time, output_json
-from app.api.fix_openapi import FIX_REPLY
 from app.api.paging import Page, Paging, page_of
 from app.api.resource import (
     Admin,
@@ -39,6 +39,7 @@ from app.storage.devices import StoredDevice
 
 router = registry_router("/v1/devices", "devices")
 
+Explain = Annotated[bool, Query(description="Add why: 1 adds `explanation`")]
 OwnReader = Annotated[Principal, Depends(require(*READERS, Role.DEVICE))]
 
 
@@ -124,18 +125,31 @@ async def erase_device(device_id: str, principal: Admin, context: Context, seen:
     context.authenticator.forget()
 
 
-@router.get("/{device_id}/fix", responses={200: FIX_REPLY})
-async def get_fix(device_id: str, principal: OwnReader, context: Context) -> dict[str, Any]:
-    """Return where the device is as of its newest batch, or why that is not known."""
+@router.get("/{device_id}/fix", responses={200: EXPLAINED_FIX_REPLY})
+async def get_fix(
+    device_id: str, principal: OwnReader, context: Context, explain: Explain = False
+) -> dict[str, Any]:
+    """Return where the device is as of its newest batch, or why that is not known.
+
+    Explained: by which scan, candidates, residuals of transmitters, gate, floors and motion mode.
+    """
     device = await device_in_scope(context, principal, device_id)
+    explained = await context.registry.explain(device_id) if explain else None
     latest = context.registry.latest(device_id)
+    if explained is not None:
+        # One state's words, even if another batch has come in between.
+        latest = explained[0], explained[1].output
+    reasons = {}
+    if explain:
+        reasons["explanation"] = None if explained is None else explanation_json(explained[1])
     if latest is None:
-        return output_json(device_id, device.site_id or "", None)
+        return output_json(device_id, device.site_id or "", None) | reasons
     site_id, output = latest
     found(context.directory.current(site_id), "fix of device", device_id)
     if not principal.covers_site(site_id):
         raise AppError(ErrorCode.SITE_FORBIDDEN, f"the token is not for site {site_id!r}")
-    return output_json(device_id, site_id, output, context.directory.georeference(site_id))
+    georeference = context.directory.georeference(site_id)
+    return output_json(device_id, site_id, output, georeference) | reasons
 
 
 async def device_in_scope(

@@ -5,6 +5,7 @@ from typing import Any
 from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
 
+from app.api.explanation import EXPLANATION
 from app.api.fix_openapi import FIX
 from app.api.ingest_openapi import COMPONENTS
 from app.api.openapi_examples import add_examples
@@ -36,7 +37,7 @@ def _document(app: FastAPI) -> dict[str, Any]:
     )
     components = document.setdefault("components", {})
     schemas = components.setdefault("schemas", {})
-    schemas |= {**COMPONENTS, "Fix": FIX, "Problem": PROBLEM}
+    schemas |= {**COMPONENTS, "Explanation": EXPLANATION, "Fix": FIX, "Problem": PROBLEM}
     components["securitySchemes"] = {"token": {"type": "http", "scheme": "bearer"}}
     document["security"] = [{"token": []}]
     for method, path in _OPEN:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from app.core import engine
-from app.core.engine import SessionState
+from app.core.engine import Explanation, SessionState
 from app.core.params import Params
 from app.core.session import LastPoint, LoggedBatch, LogUnavailableError, SessionRecord
 from app.core.site import SiteModel
@@ -46,6 +46,10 @@ class Fold(Protocol):
 
     def finish(self, state: SessionState, site: SiteModel, params: Params) -> tuple[Output, ...]:
         """Return what the track would end with if nothing more came."""
+        ...
+
+    def explained(self, state: SessionState, site: SiteModel, params: Params) -> Explanation | None:
+        """Return why the last output of `finish` is what it is; None where there is none."""
         ...
 
     def smoothed(

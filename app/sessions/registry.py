@@ -8,6 +8,7 @@ from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
 
+from app.core.engine import Explanation
 from app.core.params import Params
 from app.core.session import LoggedBatch, LogUnavailableError, SessionRecord
 from app.core.site import SiteModel
@@ -101,6 +102,11 @@ class SessionRegistry:
     def latest_at(self, site_id: str) -> dict[str, Output]:
         """Return the latest output of every device that was last seen at a site."""
         return {d: x.output for d, x in self._latest.items() if x.site_id == site_id}
+
+    async def explain(self, device_id: str) -> tuple[str, Explanation] | None:
+        """Return site and explanation of the device's newest session; None if all are over."""
+        device = self._devices.get(device_id)
+        return None if device is None else await device.mailbox.run(partial(self._explain, device))
 
     def pending_points(self, device_id: str) -> dict[str, tuple[TrackPoint, ...]]:
         """Return, by session id, the points that follow the stored ones if nothing more comes.
@@ -291,6 +297,14 @@ class SessionRegistry:
     def _show(self, record: SessionRecord, output: Output) -> None:
         self._latest[record.device_id] = _Latest(record.site_id, output)
         self._hub.publish(record.site_id, record.device_id, output)
+
+    async def _explain(self, device: _Device) -> tuple[str, Explanation] | None:
+        slots = [slot for slot in device.slots.values() if self._has_site(slot)]
+        if not slots:
+            return None
+        slot = max(slots, key=lambda slot: (slot.seen_s, slot.record.opened_s))
+        explanation = (await self._awake(slot)).explained()
+        return None if explanation is None else (slot.record.site_id, explanation)
 
     async def _settle_all(self, device: _Device) -> None:
         for slot in device.slots.values():

@@ -4,7 +4,7 @@ import asyncio
 import math
 from collections.abc import Callable, Iterable
 
-from app.core.engine import OrderKey, SessionState, order_key
+from app.core.engine import Explanation, OrderKey, SessionState, order_key
 from app.core.params import Params
 from app.core.session import LoggedBatch, SessionRecord
 from app.core.site import SiteModel
@@ -85,6 +85,10 @@ class DeviceSession:
         """Return the position or its absence at the latest observation."""
         outputs = self._ports.fold.finish(self._window.state, *self._world(self.record))
         return outputs[-1] if outputs else None
+
+    def explained(self) -> Explanation | None:
+        """Return why `output` is what it is."""
+        return self._ports.fold.explained(self._window.state, *self._world(self.record))
 
     def pending_points(self) -> tuple[TrackPoint, ...]:
         """Return the points that the stored track would end with if nothing more came."""

@@ -1,5 +1,7 @@
 """The fold: ``advance(state, observation, site, params) -> (state, outputs)``."""
 
+from app.core.engine.explaining import explained
+from app.core.engine.explanation import Explanation
 from app.core.engine.order import OrderKey, event_time_s, order_key
 from app.core.engine.pipeline import advance, finish
 from app.core.engine.place import places_of
@@ -10,11 +12,13 @@ from app.core.engine.warmup import warm_up
 
 __all__ = [
     "PROFILES",
+    "Explanation",
     "OrderKey",
     "Profile",
     "SessionState",
     "advance",
     "event_time_s",
+    "explained",
     "finish",
     "order_key",
     "places_of",

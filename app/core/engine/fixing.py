@@ -168,7 +168,7 @@ def _match(
     places = np.column_stack([matches.x_m, matches.y_m])
     noise = (variance, 0.0, variance)
     sighting = Sighting(time_s, places, matches.weight, noise, votes, matches.floor_index)
-    evidence = replace(state.evidence, sighting=sighting)
+    evidence = replace(state.evidence, sighting=sighting, means=Method.FINGERPRINT)
     heard = Used(beacons=len(query.ble_dbm), access_points=len(query.wifi_dbm))
     return replace(state, floor_belief=belief, evidence=evidence, used=heard)
 
@@ -188,12 +188,12 @@ def _correct(
     state: SessionState, sighting: Sighting, method: Method, site: SiteModel, params: Params
 ) -> SessionState:
     floor = ground_of(state.floor_belief, site)
+    evidence = replace(state.evidence, sighting=sighting, means=method)
     if isinstance(state.track, Particles):
         track = update(state.track, sighting, floor, params.fusion)
         method = Method.FUSED
     else:
         track = begin(sighting, floor, params.fusion)
-    evidence = replace(state.evidence, sighting=sighting)
     return replace(state, track=track, told_s=sighting.time_s, method=method, evidence=evidence)
 
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 from app.core.engine.order import event_time_s, order_key
 from app.core.engine.profiles import PROFILES
 from app.core.engine.report import report
-from app.core.engine.state import Evidence, SessionState
+from app.core.engine.state import Evidence, SessionState, Told
 from app.core.engine.walking import take_strides
 from app.core.motion.mode import decided
 from app.core.params import Params
@@ -27,8 +27,10 @@ def advance(
     state = replace(state, evidence=Evidence())
     state, outputs = _pass_time(state, time_s, site, params)
     state = take_strides(state, time_s, profile.stride, site, params)
+    before = state
     for stage in profile.stages[type(observation)]:
         state = stage(state, observation, site, params)
+    told = _told(before, state, observation, params)
     # Steps that the phone tells are over by the time it tells them.
     state = take_strides(state, time_s, profile.stride, site, params)
     return (
@@ -40,6 +42,7 @@ def advance(
             began_s=time_s if state.began_s is None else state.began_s,
             scanned_s=time_s if isinstance(observation, BleScan | WifiScan) else state.scanned_s,
             motion=decided(state.motion, time_s, params.motion_mode),
+            told=told,
         ),
         outputs,
     )
@@ -60,6 +63,20 @@ def end(
     state, outputs = _pass_time(replace(state, evidence=Evidence()), end_s, site, params)
     state = take_strides(state, end_s, PROFILES[params.profile].stride, site, params)
     return state, (*outputs, report(state, end_s, site, params))
+
+
+def _told(
+    before: SessionState, after: SessionState, observation: Observation, params: Params
+) -> Told | None:
+    """Return the newest scan that told the place, of the last ``fused_s``; else the newest."""
+    told, evidence = before.told, after.evidence
+    if not isinstance(observation, BleScan | WifiScan):
+        return told
+    if told is not None and evidence.sighting is None and told.evidence.sighting is not None:
+        age_s = observation.time_s - told.scan.time_s
+        if age_s <= params.report.fused_s:
+            return told
+    return Told(observation, after.heard, after.window, before.track, after.track, evidence)
 
 
 def _pass_time(

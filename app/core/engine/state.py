@@ -12,7 +12,7 @@ from app.core.fusion.sighting import Sighting
 from app.core.motion.mode import MotionState
 from app.core.motion.steps import StepDetector
 from app.core.radio.windows import Window
-from app.core.types import FloatArray, Method, NoFixReason, Used
+from app.core.types import BleScan, FloatArray, Method, NoFixReason, Used, WifiScan
 
 Track: TypeAlias = Particles | PlanarTrack
 """State of a profile's filter; a session keeps to one kind."""
@@ -39,12 +39,40 @@ class Stride:
 class Evidence:
     """What the latest observation brought to the filter, in this order.
 
-    ``strides`` whose time had come, ``drift_m2`` of motion that nothing showed, a ``sighting``.
+    ``strides`` whose time had come, ``drift_m2`` of motion that nothing showed, a ``sighting`` and
+    the ``means`` by which it was made.
     """
 
     strides: tuple[Stride, ...] = ()
     drift_m2: float = 0.0
     sighting: Sighting | None = None
+    means: Method | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Told:
+    """The scan that told the place last, and what the filter believed before and after it.
+
+    For explanations, which are made on demand: these are references to values that were there
+    anyway, and cost nothing. A scan that told nothing takes this place when there is no newer one
+    that did.
+
+    Attributes
+    ----------
+    scan, heard, window
+        What was scanned; the advertisements and the anchors' levels of that time.
+    before, after
+        The filter before and after; None: there was no fix yet.
+    evidence
+        What it brought.
+    """
+
+    scan: BleScan | WifiScan
+    heard: tuple[Advertisement, ...]
+    window: Window
+    before: Track | None
+    after: Track | None
+    evidence: Evidence
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +108,9 @@ class SessionState:
     told_s
         When the position was last told by a scan; -inf before.
     evidence
-        What the latest observation brought; smoothing and explanations are made of it.
+        What the latest observation brought; smoothing is made of it.
+    told
+        The scan that explanations are made of; None before the first.
     method, used, reason
         Of the newest point: how it came about, on what it rests; why there is none.
     """
@@ -103,6 +133,7 @@ class SessionState:
     stride: Stride | None = None
     told_s: float | None = None
     evidence: Evidence = field(default_factory=Evidence)
+    told: Told | None = None
     method: Method = Method.DEAD_RECKONING
     used: Used = field(default_factory=Used)
     reason: NoFixReason = NoFixReason.NOT_STARTED

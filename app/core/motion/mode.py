@@ -16,11 +16,21 @@ Every bound is a pair (`MotionModeParams`): between the two the mode stays what 
 
 import math
 from dataclasses import dataclass, replace
+from enum import StrEnum
 
 import numpy as np
 
 from app.core.params import MotionModeParams
 from app.core.types import ImuBlock, MotionMode
+
+
+class MotionEvidence(StrEnum):
+    """What a motion mode rests on."""
+
+    STEPS = "steps"
+    ACCELERATION = "acceleration"
+    LEVELS = "levels"
+    NONE = "none"
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,19 +91,32 @@ def with_acceleration(state: MotionState, block: ImuBlock, params: MotionModePar
 def decided(state: MotionState, time_s: float, params: MotionModeParams) -> MotionState:
     """Return the state with the mode that holds at a time, by the first evidence there is."""
     mode = state.mode
+    match deciding(state, time_s, params):
+        case MotionEvidence.STEPS:
+            stepping = _recent(state.last_step_s, time_s, params.step_hold_s)
+            mode = MotionMode.WALKING if stepping else MotionMode.STILL
+        case MotionEvidence.ACCELERATION:
+            bounds = (params.still_variance_m2ps4, params.walk_variance_m2ps4)
+            mode = _between(mode, state.acc_variance_m2ps4, bounds)
+        case MotionEvidence.LEVELS:
+            mode = _between(mode, state.velocity_chi2, (params.still_chi2, params.walk_chi2))
+        case MotionEvidence.NONE:
+            mode = MotionMode.STILL
+    return replace(state, mode=mode)
+
+
+def deciding(state: MotionState, time_s: float, params: MotionModeParams) -> MotionEvidence:
+    """Return the evidence that decides the mode at a time."""
     has_acceleration = _recent(state.acc_s, time_s, params.evidence_s)
     if state.last_step_s is not None:
         stepping = _recent(state.last_step_s, time_s, params.step_hold_s)
         at_rest = has_acceleration and state.acc_variance_m2ps4 < params.still_variance_m2ps4
-        mode = MotionMode.WALKING if stepping and not at_rest else MotionMode.STILL
-    elif has_acceleration:
-        bounds = (params.still_variance_m2ps4, params.walk_variance_m2ps4)
-        mode = _between(mode, state.acc_variance_m2ps4, bounds)
-    elif _recent(state.velocity_s, time_s, params.evidence_s):
-        mode = _between(mode, state.velocity_chi2, (params.still_chi2, params.walk_chi2))
-    else:
-        mode = MotionMode.STILL
-    return replace(state, mode=mode)
+        return MotionEvidence.ACCELERATION if stepping and at_rest else MotionEvidence.STEPS
+    if has_acceleration:
+        return MotionEvidence.ACCELERATION
+    if _recent(state.velocity_s, time_s, params.evidence_s):
+        return MotionEvidence.LEVELS
+    return MotionEvidence.NONE
 
 
 def _recent(event_s: float | None, time_s: float, limit_s: float) -> bool:
