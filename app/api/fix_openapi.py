@@ -67,14 +67,6 @@ def _json(description: str, schema: Schema) -> Schema:
     return {"description": description, "content": {"application/json": {"schema": schema}}}
 
 
-FIX_REPLY = _json(
-    "Where the device is, or why that is not known.",
-    {
-        "type": "object",
-        "properties": {"fix": NULLABLE_FIX, "no_fix": NO_FIX},
-        "required": ["fix"],
-    },
-)
 FIXES_REPLY = _json("One fix of each device.", _PAGE)
 TRACK_REPLY: Schema = {
     "description": "A page of the track, in the form that Accept asks for.",

@@ -96,7 +96,12 @@ def _others_heard(scan: BleScan, site: SiteModel) -> Iterator[_Heard]:
 def _of_anchors(
     heard: list[_Heard], place: FloatArray, site: SiteModel, params: Params
 ) -> dict[str, float]:
-    anchors = [(one.key, site.anchors[one.anchor]) for one in heard if one.anchor is not None]
+    # The model knows no slabs: of an anchor on another floor it expects nothing.
+    anchors = [
+        (one.key, site.anchors[one.anchor])
+        for one in heard
+        if one.anchor is not None and one.use is not Use.OTHER_FLOOR
+    ]
     if not anchors:
         return {}
     model = level_model([anchor for _, anchor in anchors], params.lateration.phone_height_m)
