@@ -47,7 +47,11 @@ def explanation_json(explanation: Explanation) -> Json:
             "student_weight": gate.student_weight,
         },
         "floors": [
-            {"floor_id": floor.floor_id, "vote": floor.vote, "belief": floor.belief}
+            {
+                "floor_id": floor.floor_id,
+                "vote_share": floor.vote_share,
+                "probability": floor.probability,
+            }
             for floor in explanation.floors
         ],
         "motion": {
@@ -126,10 +130,10 @@ EXPLANATION: Schema = _object(
     },
     floors=_list(
         _object(
-            "The scan's vote for a floor, and the belief in it.",
+            "The scan's vote for a floor, and its probability.",
             floor_id=_TEXT,
-            vote=_MAYBE_NUMBER,
-            belief=_MAYBE_NUMBER,
+            vote_share=_MAYBE_NUMBER,
+            probability=_MAYBE_NUMBER,
         )
     ),
     motion=_object(

@@ -168,10 +168,10 @@ def test_fingerprints_are_compared_with_those_around_the_told_place() -> None:
     assert by_key["weak"].expected_dbm is None
     assert {place.floor_id for place in told.candidates} == {"f0", "f1"}
     assert sum(place.weight for place in told.candidates) == pytest.approx(1.0)
-    votes = {floor.floor_id: floor.vote for floor in told.floors}
+    votes = {floor.floor_id: floor.vote_share for floor in told.floors}
     of_f0 = sum(place.weight for place in told.candidates if place.floor_id == "f0")
     assert votes["f0"] == pytest.approx(of_f0)
-    assert told.floors[0].belief == point.floor_confidence
+    assert told.floors[0].probability == point.floor_confidence
 
 
 def test_a_candidate_far_from_the_prediction_is_seen_as_light() -> None:
@@ -212,7 +212,7 @@ def test_where_nothing_is_known_the_reasons_are_told() -> None:
     assert uses(lost) == {"mac:stranger": Use.UNKNOWN}
     few = why(MAP_SITE, wifi(w0=-50.0, w1=-58.0))
     assert uses(few) == dict.fromkeys(("w0", "w1"), Use.NO_FIX)
-    assert [floor.vote for floor in few.floors] == [None, None]
+    assert [floor.vote_share for floor in few.floors] == [None, None]
 
 
 def test_the_scan_that_told_the_place_is_explained_until_it_is_old() -> None:

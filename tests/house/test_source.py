@@ -36,7 +36,7 @@ UNITLESS_WORDS = frozenset(
 UNITLESS = frozenset(
     {
         *("softness", "clutter", "tempering", "memory", "shrinkage", "ridge", "trust", "total"),
-        *("noise_spread", "scale_prior", "scale_walk", "vote_floor"),
+        *("noise_spread", "scale_prior", "scale_walk", "vote_floor", "nis"),
         *("xx", "xy", "yy"),
     }
 )

@@ -2,7 +2,7 @@
 
 import pytest
 
-from app.core.engine import PROFILES, SessionState, advance, finish, start
+from app.core.engine import PROFILES, SessionState, advance, explained, finish, start
 from app.core.simulate import walk, warehouse
 from app.storage.codec import TreeCodec
 
@@ -22,4 +22,5 @@ def test_a_restored_state_has_the_same_future(imu, profile):
         assert again == outputs
     ended = finish(state, world.site, params)
     assert finish(restored, world.site, params) == ended
+    assert explained(restored, world.site, params) == explained(state, world.site, params)
     assert codec.encode(restored) == codec.encode(state)

@@ -93,8 +93,8 @@ def _floors(
     return tuple(
         FloorVote(
             floor_id=floor.floor_id,
-            vote=None if votes is None else float(votes[i]),
-            belief=None if belief is None else float(belief[i]),
+            vote_share=None if votes is None else float(votes[i]),
+            probability=None if belief is None else float(belief[i]),
         )
         for i, floor in enumerate(site.floors)
     )

@@ -82,11 +82,11 @@ class Gate:
 
 @dataclass(frozen=True, slots=True)
 class FloorVote:
-    """One floor: its share of the scan's vote (None: no vote) and the belief in it now."""
+    """One floor: its share of the scan's vote (None: no vote) and its probability now."""
 
     floor_id: str
-    vote: float | None
-    belief: float | None
+    vote_share: float | None
+    probability: float | None
 
 
 @dataclass(frozen=True, slots=True)

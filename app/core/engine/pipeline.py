@@ -11,7 +11,7 @@ from app.core.engine.walking import take_strides
 from app.core.motion.mode import decided
 from app.core.params import Params
 from app.core.site import SiteModel
-from app.core.types import BleScan, Observation, Output, WifiScan
+from app.core.types import BleScan, Method, Observation, Output, WifiScan
 
 
 def advance(
@@ -76,7 +76,8 @@ def _told(
         age_s = observation.time_s - told.scan.time_s
         if age_s <= params.report.fused_s:
             return told
-    return Told(observation, after.heard, after.window, before.track, after.track, evidence)
+    heard = () if evidence.means is Method.LATERATION else after.heard
+    return Told(observation, heard, after.window, before.track, after.track, evidence)
 
 
 def _pass_time(

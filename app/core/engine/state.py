@@ -60,7 +60,8 @@ class Told:
     Attributes
     ----------
     scan, heard, window
-        What was scanned; the advertisements and the anchors' levels of that time.
+        What was scanned; the advertisements (unless it was laterated) and the anchors' levels of
+        that time.
     before, after
         The filter before and after; None: there was no fix yet.
     evidence
