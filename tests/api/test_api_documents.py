@@ -15,6 +15,7 @@ from app.api.observations import RecordCode
 from app.api.openapi_examples import EXAMPLES
 from app.api.stream import StreamCode
 from app.config import Settings
+from app.core.engine.explanation import Use
 from app.core.types import NoFixReason
 from app.main import create_app
 from app.services.errors import ErrorCode
@@ -82,6 +83,24 @@ def test_the_documented_record_codes_are_those_of_the_code() -> None:
 def test_the_documented_reasons_are_those_of_the_code() -> None:
     reasons = {reason.value for reason in NoFixReason} | {"nothing_observed"}
     assert set(table("No fix")) == reasons
+
+
+def test_the_documented_uses_are_those_of_the_code() -> None:
+    assert set(table("Why a fix is where it is")) == {use.value for use in Use}
+
+
+def test_the_documented_explanation_has_the_fields_of_the_described_one(
+    document: dict[str, Any],
+) -> None:
+    section = DOCS.partition("## Why a fix is where it is\n")[2]
+    example = json.loads(section.partition("```json\n")[2].partition("```")[0])
+    described = document["components"]["schemas"]["Explanation"]["properties"]
+    assert set(example) == set(described)
+    assert set(example["gate"]) == set(described["gate"]["oneOf"][0]["properties"])
+    assert set(example["motion"]) == set(described["motion"]["properties"])
+    for name in ("candidates", "transmitters", "floors"):
+        for part in example[name]:
+            assert set(part) == set(described[name]["items"]["properties"])
 
 
 def test_the_documented_stream_codes_are_those_of_the_code() -> None:
