@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.core.engine import advance, explained, finish, start
+from app.core.engine import PROFILES, advance, explained, finish, start
 from app.core.engine.explanation import Use
 from app.core.fingerprint.radio_map import Fingerprint, build_radio_map
 from app.core.fusion.innovation import innovation_of_mixture, innovation_of_planar
@@ -229,6 +229,29 @@ def test_the_scan_that_told_the_place_is_explained_until_it_is_old() -> None:
     assert told is not None
     assert (told.scan_s, told.candidates) == (T0 + 12.0, ())
     assert uses(told) == {"z": Use.UNKNOWN}
+
+
+@pytest.mark.parametrize("profile", PROFILES)
+def test_every_profile_explains_what_it_told(profile: str) -> None:
+    site = SiteModel("s", 1, FLOORS, ANCHORS, MAP_SITE.radio_map)
+    params, state = PROFILES[profile].params, start()
+    for i in range(4):
+        for observation in (
+            beacons_at(6.0, 4.0, time_s=T0 + i),
+            wifi(T0 + i + 0.5, w0=-55.0, w1=-58.0, w2=-70.0),
+            Steps(T0 + i + 0.7, 1, heading_rad=0.0),
+        ):
+            state, _ = advance(state, observation, site, params)
+            explanation = explained(state, site, params)
+            assert explanation is not None
+            assert explanation.output == finish(state, site, params)[-1]
+            told = isinstance(explanation.output, TrackPoint)
+            assert (explanation.means is not None) == told
+            kinds = {one.kind for one in explanation.transmitters if one.use is Use.USED}
+            assert bool(kinds) == told
+            for one in explanation.transmitters:
+                if one.residual_db is not None and one.expected_dbm is not None:
+                    assert one.residual_db == one.heard_dbm - one.expected_dbm
 
 
 def _block(swing_mps2: float) -> ImuBlock:

@@ -14,7 +14,7 @@ from app.core.engine.explanation import (
     Use,
 )
 from app.core.engine.pipeline import end
-from app.core.engine.residuals import means_of, residuals_of
+from app.core.engine.residuals import residuals_of
 from app.core.engine.state import SessionState, Told
 from app.core.fusion.innovation import Innovation, innovation_of_mixture, innovation_of_planar
 from app.core.fusion.mixture import Mixture, diffuse
@@ -42,7 +42,7 @@ def explained(state: SessionState, site: SiteModel, params: Params) -> Explanati
     transmitters = residuals_of(state, told, site, params)
     return Explanation(
         output=output,
-        means=None if sighting is None else means_of(told, site),
+        means=told.means,
         scan_s=told.scan.time_s,
         candidates=_candidates(sighting, innovation, site),
         transmitters=transmitters,

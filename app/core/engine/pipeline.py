@@ -72,12 +72,16 @@ def _told(
     told, evidence = before.told, after.evidence
     if not isinstance(observation, BleScan | WifiScan):
         return told
-    if told is not None and evidence.sighting is None and told.evidence.sighting is not None:
+    means = evidence.means
+    if means is None and after.told_s == observation.time_s:
+        # A profile without a filter tells the place without a sighting.
+        means = after.method
+    if means is None and told is not None and told.means is not None:
         age_s = observation.time_s - told.scan.time_s
         if age_s <= params.report.fused_s:
             return told
-    heard = () if evidence.means is Method.LATERATION else after.heard
-    return Told(observation, heard, after.window, before.track, after.track, evidence)
+    heard = () if means is Method.LATERATION else after.heard
+    return Told(observation, heard, after.window, before.track, after.track, evidence, means)
 
 
 def _pass_time(

@@ -34,10 +34,10 @@ class _Heard:
     anchor: int | None = None
 
 
-def means_of(told: Told, site: SiteModel) -> Method:
+def _way_of(told: Told, site: SiteModel) -> Method:
     """Return how a scan tells, or would tell, the place."""
-    if told.evidence.means is not None:
-        return told.evidence.means
+    if told.means is not None:
+        return told.means
     laterated = isinstance(told.scan, BleScan) and site.anchors and len(told.window)
     return Method.LATERATION if laterated else Method.FINGERPRINT
 
@@ -48,7 +48,7 @@ def residuals_of(
     """Return all that the scan heard, loudest first."""
     floor = None if state.floor_belief is None else int(np.argmax(state.floor_belief))
     place = None if told.after is None or floor is None else place_of(told.after)[0]
-    if means_of(told, site) is Method.LATERATION and isinstance(told.scan, BleScan):
+    if _way_of(told, site) is Method.LATERATION and isinstance(told.scan, BleScan):
         heard = [*_anchors_heard(told, floor, site), *_others_heard(told.scan, site)]
     else:
         heard = [*_wifi_heard(told, site, params), *_ble_heard(told, site, params)]
@@ -63,7 +63,7 @@ def residuals_of(
 
 def _residual(one: _Heard, expected: dict[str, float], told: Told, site: SiteModel) -> Residual:
     level_dbm = expected.get(one.key)
-    unused = one.use is Use.USED and told.evidence.sighting is None
+    unused = one.use is Use.USED and told.means is None
     return Residual(
         key=one.key,
         kind=one.kind,

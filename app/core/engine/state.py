@@ -66,6 +66,8 @@ class Told:
         The filter before and after; None: there was no fix yet.
     evidence
         What it brought.
+    means
+        How it told the place; None: it told none.
     """
 
     scan: BleScan | WifiScan
@@ -74,6 +76,7 @@ class Told:
     before: Track | None
     after: Track | None
     evidence: Evidence
+    means: Method | None
 
 
 @dataclass(frozen=True, slots=True)
