@@ -16,17 +16,14 @@ from app.storage.tokens import StoredToken, create_token
 
 START_LIMIT_S = 60.0
 STOP_LIMIT_S = 10.0
-SCRIPT = "from app.cli.main import main; main()"
+COMMAND = (sys.executable, "-c", "from app.cli.main import main; main()", "serve")
 
 
 class ServerProcess:
     """``pharos serve`` over one database, with an admin's token.
 
-    The log of all its runs is kept in ``log_path`` and shown when it does not come up. ``prelude``
-    is Python that each run begins with.
+    The log of all its runs is kept in ``log_path`` and shown when it does not come up.
     """
-
-    prelude = ""
 
     def __init__(self, database_url: str, log_path: Path, **settings: str) -> None:
         self.database_url = database_url
@@ -56,11 +53,7 @@ class ServerProcess:
         }
         with self.log_path.open("ab") as log:
             self._process = subprocess.Popen(
-                (sys.executable, "-c", self.prelude + SCRIPT, "serve"),
-                env=environment,
-                stdin=subprocess.DEVNULL,
-                stdout=log,
-                stderr=log,
+                COMMAND, env=environment, stdin=subprocess.DEVNULL, stdout=log, stderr=log
             )
         deadline_s = time.monotonic() + START_LIMIT_S
         while not self._ready():

@@ -89,7 +89,7 @@ def _list(item: Schema) -> Schema:
 EXPLANATION: Schema = _object(
     "Why the fix beside it is what it is.",
     means={
-        "enum": [Method.LATERATION.value, Method.FINGERPRINT.value, None],
+        "enum": [*(method.value for method in Method), None],
         "description": "How the scan told the place; null: it told none.",
     },
     scan_time={**_MAYBE_TEXT, "description": "Of the newest scan that told the place."},

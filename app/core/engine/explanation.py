@@ -119,7 +119,8 @@ class Explanation:
     output
         What is explained: a point or the reason for none.
     means
-        How the scan told the place: by lateration or fingerprints; None: it told none.
+        How the scan told the place, by lateration or fingerprints or both in one filter; None: it
+        told none.
     scan_s
         When that scan was made; None before the first.
     candidates

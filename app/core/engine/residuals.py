@@ -36,7 +36,7 @@ class _Heard:
 
 def _way_of(told: Told, site: SiteModel) -> Method:
     """Return how a scan tells, or would tell, the place."""
-    if told.means is not None:
+    if told.means in {Method.LATERATION, Method.FINGERPRINT}:
         return told.means
     laterated = isinstance(told.scan, BleScan) and site.anchors and len(told.window)
     return Method.LATERATION if laterated else Method.FINGERPRINT
