@@ -51,3 +51,33 @@ async def test_openapi_names_the_profiles(server: ApiServer) -> None:
     patch = server.app.openapi()["paths"]["/v1/devices/{device_id}"]["patch"]["requestBody"]
     (content,) = patch["content"].values()
     assert str(sorted(PROFILES)) in str(content["schema"]["properties"]["profile"])
+
+
+async def test_a_session_follows_its_device_then_its_site_unless_it_named_a_profile(
+    server: ApiServer,
+) -> None:
+    other = next(name for name in sorted(PROFILES) if name != "best")
+    profiles = []
+    async with server.client("admin") as admin:
+
+        async def walk_on(**fields: object) -> str:
+            seq = len(profiles)
+            heard = ble_record(6.0, 4.0, server.clock.now_s() * 1000.0 + seq)
+            reply = await admin.post("/v1/ingest", json=batch(heard, seq=seq, site="lab", **fields))
+            assert reply.status_code == 200, reply.text
+            return reply.json()["fix"]["profile"]
+
+        profiles.append(await walk_on())
+        for path, patch in (
+            ("/v1/devices/phone-7", {"profile": other}),
+            ("/v1/devices/phone-7", {"profile": None}),
+            ("/v1/sites/lab", {"default_profile": other}),
+            ("/v1/devices/phone-7", {"profile": "best"}),
+        ):
+            assert (await admin.patch(path, json=patch, headers=PATCH)).status_code == 200
+            profiles.append(await walk_on())
+        named = [await walk_on(session="named", profile=other)]
+        profiles.append(named[0])
+        named.append(await walk_on(session="named"))
+    assert profiles[:5] == ["best", other, "best", other, "best"]
+    assert named == [other, other]

@@ -1,6 +1,7 @@
 """The command line as it is typed: what it does, and one clear line when it cannot."""
 
 import json
+import re
 import socket
 import sys
 from collections.abc import Callable
@@ -11,6 +12,7 @@ import pytest
 from server_process import ServerProcess
 
 from app.cli.main import main
+from app.core.engine import PROFILES
 from app.services.tokens import hash_token
 from app.storage.beacons import beacons_of_site
 from app.storage.database import Database
@@ -323,3 +325,16 @@ def building(tmp_path: Path) -> Path:
     )
     (floor / "floor_image.png").write_bytes(b"\x89PNG\r\n\x1a\n")
     return floor.parent
+
+
+def test_profiles_are_shown_with_all_their_parameters(pharos: Pharos) -> None:
+    listed = pharos("profiles")
+    assert listed.code == 0, listed.err
+    assert all(name in listed.out for name in PROFILES)
+    shown = pharos("profiles", "best")
+    assert re.search(r"match\.max_age_s\W+2\.5\W+s\W+Wi-Fi readings", shown.out)
+    one = json.loads(pharos("profiles", "best", "--json").out)
+    every = json.loads(pharos("profiles", "--json").out)
+    assert [profile["name"] for profile in every] == sorted(PROFILES)
+    assert one in every
+    fails(pharos("profiles", "bset"), 2, "there is no profile 'bset'; there are: best")

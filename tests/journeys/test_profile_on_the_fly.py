@@ -10,6 +10,7 @@ from posting import Batch, by_second, header, numbered, post, stored_track
 from server_process import ServerProcess
 
 from app.core.simulate import walk, warehouse
+from app.core.types import Observation
 from app.services.demo import install_warehouse
 from app.storage.database import Database
 
@@ -29,11 +30,13 @@ def server(database_url: str, tmp_path: Path) -> Iterator[ServerProcess]:
     running.kill()
 
 
-def bodies_of(device_id: str, **fields: str) -> list[Batch]:
-    world = warehouse(seed=1)
-    walked = walk(world, seed=4, start_s=START_S, duration_s=18.0)
-    shared = {**header(device_id, world.site.site_id), **fields}
-    return numbered(shared, by_second(walked.observations))
+def observed() -> list[Observation]:
+    return walk(warehouse(seed=1), seed=4, start_s=START_S, duration_s=18.0).observations
+
+
+def bodies_of(device_id: str, groups: list[list[Observation]], **fields: str) -> list[Batch]:
+    shared = {**header(device_id, warehouse(seed=1).site.site_id), **fields}
+    return numbered(shared, groups)
 
 
 def post_all(server: ServerProcess, batches: list[Batch]) -> dict[str, Any]:
@@ -55,7 +58,7 @@ def track_of(server: ServerProcess, device_id: str) -> list[dict[str, Any]]:
 
 def test_a_phone_follows_its_site_then_itself_across_a_crash(server: ServerProcess) -> None:
     site = f"/v1/sites/{warehouse(seed=1).site.site_id}"
-    batches = bodies_of("picker")
+    batches = bodies_of("picker", by_second(observed()))
     assert post_all(server, batches[:6])["profile"] == "best"
     patch(server, site, default_profile=OTHER)
     fix = post_all(server, batches[6:7])
@@ -70,7 +73,8 @@ def test_a_phone_follows_its_site_then_itself_across_a_crash(server: ServerProce
 
     # Two phones that walk alike and name their profile do not care for the site's.
     for profile in ("best", OTHER):
-        assert post_all(server, bodies_of(profile, profile=profile))["profile"] == profile
+        whole = bodies_of(profile, [observed()], profile=profile)
+        assert post_all(server, whole)["profile"] == profile
     switched = track_of(server, "picker")
     always = {profile: track_of(server, profile) for profile in ("best", OTHER)}
     profiles = [point["profile"] for point in switched]
