@@ -144,7 +144,7 @@ EXPLANATION: Schema = _object(
         acc_variance_m2ps4=_MAYBE_NUMBER,
         velocity_chi2=_MAYBE_NUMBER,
     ),
-    faults={**_list(_TEXT), "description": "Keys of beacons held for dead, moved or duplicated."},
+    faults={**_list(_TEXT), "description": "Ids of beacons held for dead, moved or duplicated."},
 )
 
 EXPLAINED_FIX_REPLY: Schema = {

@@ -132,7 +132,7 @@ class Explanation:
     gate
         None where there was nothing to predict from yet.
     faults
-        Keys of beacons that are held for dead, moved or duplicated.
+        Ids of the anchors that are held for dead, moved or duplicated.
     """
 
     output: Output
