@@ -86,6 +86,20 @@ async def test_a_session_that_named_its_profile_keeps_it() -> None:
     assert await live_track(server) == told_with("named")
 
 
+async def test_what_came_late_before_the_switch_is_in_what_stays_and_later_in_the_end() -> None:
+    server = Server()
+    late, very_late = WALK[3], WALK[4]
+    early = [o for o in WALK[:20] if o not in (late, very_late)]
+    await server.registry.submit(batch_of(early, 0))
+    await server.registry.submit(batch_of([late], 1))
+    await server.registry.submit(batch_of(WALK[20:30], 2, profile="other"))
+    await server.registry.submit(batch_of([very_late], 3, profile="other"))
+    before = told_with("best", sorted([*early, late], key=lambda o: o.time_s))
+    expected = joined(before, told_with("other", WALK[:30]), WALK[19].time_s)
+    assert await live_track(server) == expected
+    assert await finish(server) == told_with("other", WALK[:30])
+
+
 @pytest.mark.parametrize("written", [0, 3, 1000])
 async def test_a_crash_after_the_switch_changes_nothing(written: int) -> None:
     server = Server(SessionLimits(snapshot_every_s=6.0))
