@@ -44,7 +44,7 @@ def explanation_json(explanation: Explanation) -> Json:
         else {
             "distance_m": gate.distance_m,
             "nis": gate.nis,
-            "student_weight": gate.student_weight,
+            "inlier_probability": gate.inlier_probability,
         },
         "floors": [
             {
@@ -123,7 +123,7 @@ EXPLANATION: Schema = _object(
                 " and the share of its information that was taken.",
                 distance_m=_NUMBER,
                 nis=_NUMBER,
-                student_weight=_MAYBE_NUMBER,
+                inlier_probability=_MAYBE_NUMBER,
             ),
             {"type": "null"},
         ]

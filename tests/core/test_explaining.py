@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from app.core.engine import PROFILES, advance, explained, finish, start
 from app.core.engine.explanation import Use
 from app.core.fingerprint.radio_map import Fingerprint, build_radio_map
-from app.core.fusion.innovation import innovation_of_mixture, innovation_of_planar
-from app.core.fusion.mixture import Mixture, update
+from app.core.fusion.innovation import innovation_of_particles, innovation_of_planar
+from app.core.fusion.particles import Particles, ground, update
 from app.core.fusion.planar import PlanarTrack
 from app.core.fusion.sighting import Sighting
 from app.core.motion.mode import MotionEvidence
@@ -198,11 +198,10 @@ def test_a_jump_is_gated() -> None:
     jump = why(BEACON_SITE, *still, beacons_at(18.0, 9.0, time_s=T0 + 11.0)).gate
     assert calm is not None
     assert jump is not None
-    assert calm.student_weight == 1.0
+    assert calm.inlier_probability > 0.7
     assert jump.distance_m > 5.0
     assert jump.nis > 5.0 * calm.nis
-    dof = PARAMS.fusion.student_dof
-    assert jump.student_weight == pytest.approx(min(1.0, (dof + 2.0) / (dof + jump.nis)))
+    assert jump.inlier_probability < 0.5
 
 
 def test_where_nothing_is_known_the_reasons_are_told() -> None:
@@ -293,25 +292,27 @@ VARIANCE = st.floats(0.5, 40.0)
 
 @given(
     places=st.lists(st.tuples(FINITE, FINITE), min_size=1, max_size=5),
-    mean=st.tuples(FINITE, FINITE),
-    variances=st.tuples(VARIANCE, VARIANCE),
+    at=st.lists(st.tuples(FINITE, FINITE), min_size=2, max_size=6),
     noise=VARIANCE,
 )
-def test_the_explained_innovation_is_what_the_filter_did(places, mean, variances, noise) -> None:
-    params = FusionParams(birth_share=0.0)
-    covariance = np.diag([*variances, 0.1, 0.1])
-    before = Mixture(np.array([[*mean, 0.0, 0.0]]), covariance[None], np.ones(1))
+def test_the_explained_innovation_is_what_the_filter_did(places, at, noise) -> None:
+    params = FusionParams(birth_share=0.0, tempering=1.0)
+    state = np.array([[*place, 0.0, 1.0] for place in at])
+    before = Particles(state, np.zeros(len(at)), 0)
     weight = np.full(len(places), 1.0 / len(places))
     sighting = Sighting(T0, np.array(places), weight, (noise, 0.0, noise), np.ones(1))
-    seen = innovation_of_mixture(before, sighting, params)
-    after = update(before, sighting.places, weight, sighting.noise_m2, params)
+    seen = innovation_of_particles(before, sighting, params)
     assert seen.seen_weight.sum() == pytest.approx(1.0)
-    assert seen.student_weight is not None
     z = seen.seen_weight @ sighting.places
-    p = covariance[:2, :2]
-    gain = p @ np.linalg.inv(p + noise / seen.student_weight * np.eye(2))
-    assert after.mean[0, :2] == pytest.approx(mean + gain @ (z - np.array(mean)), abs=1e-9)
-    assert seen.distance_m == pytest.approx(math.dist(z, mean))
+    assert seen.distance_m == pytest.approx(math.dist(z, state[:, :2].mean(axis=0)), abs=1e-6)
+    far = [[math.dist(c, x) ** 2 / (2.0 * noise) for c in places] for x in at]
+    of_all = [sum(math.exp(-f) for f in row) / len(row) / (2.0 * math.pi * noise) for row in far]
+    believed = [one / (one + params.clutter) for one in of_all]
+    assert seen.inlier_probability == pytest.approx(sum(believed) / len(at), rel=1e-6)
+    after = update(before, sighting, ground(None, 0.0), params)
+    if np.array_equal(after.state, before.state):  # nothing was resampled
+        loud = np.log(np.array(of_all) + params.clutter)
+        assert after.log_weight == pytest.approx(loud - loud.max(), abs=1e-6)
 
 
 def test_a_plain_kalman_filter_takes_all_of_its_sighting() -> None:
@@ -320,7 +321,7 @@ def test_a_plain_kalman_filter_takes_all_of_its_sighting() -> None:
     sighting = Sighting(T0, places, weight, (6.0, 0.0, 3.0), np.ones(1))
     seen = innovation_of_planar(track, sighting)
     assert seen.nis == pytest.approx(3.0**2 / 9.0 + 2.0**2 / 4.0)
-    assert seen.student_weight is None
+    assert seen.inlier_probability is None
     assert seen.seen_weight.tolist() == [0.5, 0.5]
 
 
@@ -332,7 +333,7 @@ def test_the_state_of_a_planar_track_explains_itself() -> None:
     explanation = explained(replace(state, track=track, told=told), MAP_SITE, PARAMS)
     assert explanation is not None
     assert explanation.gate is not None
-    assert explanation.gate.student_weight is None
+    assert explanation.gate.inlier_probability is None
     assert [c.weight for c in explanation.candidates] == [
         c.seen_weight for c in explanation.candidates
     ]

@@ -15,9 +15,14 @@ from app.core.engine.explanation import (
 )
 from app.core.engine.pipeline import end
 from app.core.engine.residuals import residuals_of
+from app.core.engine.standing import ground_of
 from app.core.engine.state import SessionState, Told
-from app.core.fusion.innovation import Innovation, innovation_of_mixture, innovation_of_planar
-from app.core.fusion.mixture import Mixture, diffuse
+from app.core.fusion.innovation import (
+    Innovation,
+    innovation_of_particles,
+    innovation_of_planar,
+)
+from app.core.fusion.particles import Particles, diffuse
 from app.core.fusion.sighting import Sighting
 from app.core.motion.mode import MotionState, decided, deciding
 from app.core.params import MotionModeParams, Params
@@ -35,10 +40,10 @@ def explained(state: SessionState, site: SiteModel, params: Params) -> Explanati
     floors = _floors(state, sighting, site)
     if told is None:
         return Explanation(output, None, None, (), (), None, None, floors, motion)
-    innovation = _innovation(told, params)
+    innovation = _innovation(told, site, params)
     gate = None
     if innovation is not None:
-        gate = Gate(innovation.distance_m, innovation.nis, innovation.student_weight)
+        gate = Gate(innovation.distance_m, innovation.nis, innovation.inlier_probability)
     transmitters = residuals_of(state, told, site, params)
     return Explanation(
         output=output,
@@ -53,13 +58,14 @@ def explained(state: SessionState, site: SiteModel, params: Params) -> Explanati
     )
 
 
-def _innovation(told: Told, params: Params) -> Innovation | None:
+def _innovation(told: Told, site: SiteModel, params: Params) -> Innovation | None:
     sighting = told.evidence.sighting
     if sighting is None or told.before is None:
         return None
-    if isinstance(told.before, Mixture):
-        predicted = diffuse(told.before, told.evidence.drift_m2)
-        return innovation_of_mixture(predicted, sighting, params.fusion)
+    if isinstance(told.before, Particles):
+        floor = ground_of(None, site)
+        predicted = diffuse(told.before, told.evidence.drift_m2, floor)
+        return innovation_of_particles(predicted, sighting, params.fusion)
     return innovation_of_planar(told.before, sighting)
 
 

@@ -77,7 +77,7 @@ class Gate:
 
     distance_m: float
     nis: float
-    student_weight: float | None
+    inlier_probability: float | None
 
 
 @dataclass(frozen=True, slots=True)
