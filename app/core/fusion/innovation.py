@@ -3,7 +3,8 @@
 For explanations. With z the candidates' mean as the filter weighs them, y = z - H m and S = P + R
 (both of the place), NIS = y' S^-1 y. The particle filter (`app.core.fusion.particles.update`)
 weighs candidate i by w_i Σ_k W_k N(c_i; x_k, R) over its particles, and holds the sighting for
-true, rather than for clutter q, with probability Σ_k W_k L_k / (L_k + q), L_k = Σ_i w_i N(c_i; x_k, R).
+true, rather than for clutter q, with probability Σ_k W_k L_k / (L_k + q), L_k the sum over i of
+w_i N(c_i; x_k, R).
 """
 
 from dataclasses import dataclass
