@@ -152,4 +152,9 @@ def blended_heading_rad(headings: Sequence[float], weights: Three) -> float:
 def _sensed_mps(motion: BlendedMotion, sensed: SensedMotion, seconds: float) -> float:
     if sensed.speed_mps is not None:
         return sensed.speed_mps
-    return motion.speed_mps + sensed.acceleration_mps2 * seconds
+    return accelerated_mps(motion.speed_mps, sensed.acceleration_mps2, seconds)
+
+
+def accelerated_mps(speed_mps: float, acceleration_mps2: float, seconds: float) -> float:
+    """Return V_sensor of an accelerometer: ``V_last + a dt``."""
+    return speed_mps + acceleration_mps2 * seconds

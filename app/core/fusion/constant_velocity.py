@@ -15,6 +15,8 @@ Source: Bar-Shalom, Li, Kirubarajan, "Estimation with Applications to Tracking a
 2001, section 6.2 (continuous white-noise acceleration); as the last stage of liu2016.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 from numba import njit
 
@@ -22,6 +24,35 @@ from app.core.fusion.planar import PlanarTrack
 from app.core.types import FloatArray
 
 _PLACE, _VELOCITY = 0, 2
+
+
+@dataclass(frozen=True, slots=True)
+class ConstantVelocityParams:
+    """How a walker moves, and how far off what is measured of him may be.
+
+    Fitted on ms2020 (fold 1 against a map of folds 2 and 3); within a factor of 2 of each the error
+    changes by less than 1 %.
+
+    Attributes
+    ----------
+    velocity_walk_mps
+        Deviation of each velocity component after one second; a walker who turns a corner changes
+        it by his whole speed.
+    place_sigma_m
+        Of a fix, on each axis.
+    blended_sigma_mps
+        Of a velocity blended at a fix, which holds much of the fix's own error.
+    stride_sigma_mps
+        Of the velocity of one stride: a seventh of its length, and its heading off by 30 degrees.
+    begin_sigma_mps
+        Of a velocity before anything is known of it: a walker's speed.
+    """
+
+    velocity_walk_mps: float = 1.0
+    place_sigma_m: float = 5.5
+    blended_sigma_mps: float = 1.0
+    stride_sigma_mps: float = 0.7
+    begin_sigma_mps: float = 1.0
 
 
 def begun_at(place: FloatArray, sigma_m: float, velocity_sigma_mps: float) -> PlanarTrack:
@@ -36,6 +67,19 @@ def moved_on(track: PlanarTrack, seconds: float, velocity_walk_mps: float) -> Pl
     mean, covariance = track.mean.copy(), track.covariance.copy()
     predict(mean, covariance, seconds, velocity_walk_mps**2)
     return PlanarTrack(mean, covariance)
+
+
+def followed(
+    track: PlanarTrack,
+    seconds: float,
+    velocity_mps: tuple[float, float],
+    place: FloatArray,
+    params: ConstantVelocityParams,
+) -> PlanarTrack:
+    """Return the filter ``seconds`` later, after a blended velocity and the fix at that time."""
+    track = moved_on(track, seconds, params.velocity_walk_mps)
+    track = with_velocity(track, velocity_mps, params.blended_sigma_mps)
+    return with_place(track, place, params.place_sigma_m)
 
 
 def with_place(track: PlanarTrack, place: FloatArray, sigma_m: float) -> PlanarTrack:
