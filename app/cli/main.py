@@ -22,6 +22,10 @@ cli = typer.Typer(
             ),
             "plan": ("app.cli.plan:plan", "Predict the error of a layout of beacons."),
             "profiles": ("app.cli.profiles:profiles", "Show the profiles and their parameters."),
+            "calibrate": (
+                "app.cli.calibrate:calibrating",
+                "Fit parameters on recordings with known positions.",
+            ),
             "import": ("app.cli.imports:importing", "Bring in sites, beacons and fingerprints."),
             "token": ("app.cli.token:tokens", "Make, list and revoke access tokens."),
             "migrate": ("app.cli.migrate:migrate", "Bring the database to this version's schema."),

@@ -15,6 +15,7 @@ COMMANDS = (
     ("migrate",),
     ("plan",),
     ("profiles",),
+    ("calibrate", "fusion"),
     ("import", "ms2020"),
     ("import", "csv", "beacons"),
     ("import", "csv", "fingerprints"),

@@ -40,14 +40,14 @@ def match_fingerprints(
     is_first = state.wifi_s is None
     state = replace(state, wifi_s=scan.time_s)
     if radio_map is None:
-        return state if site.anchors else _without(state, NoFixReason.NO_RADIO_MAP_OR_BEACONS)
+        return state if site.anchors else without(state, NoFixReason.NO_RADIO_MAP_OR_BEACONS)
     choose = first_of(radio_map.column_by_key)
     wifi_dbm = fresh_wifi_dbm(scan, params.match.max_age_s, choose)
     if len(wifi_dbm) < params.match.min_readings and state.track is None:
         # An old neighbourhood is better than none; the filter soon leaves it.
         wifi_dbm = fresh_wifi_dbm(scan, params.match.first_max_age_s, choose)
     if len(wifi_dbm) < params.match.min_readings:
-        return _without(state, _too_few(scan, params.match.min_readings))
+        return without(state, too_few(scan, params.match.min_readings))
     recent = within(state.heard, scan.time_s, params.match.ble_window_s)
     query = Query(wifi_dbm, mean_ble_dbm(recent, choose))
     if is_first and not site.anchors:
@@ -70,7 +70,7 @@ def match_beacons(
     query = Query({}, mean_ble_dbm(state.heard, first_of(radio_map.column_by_key)))
     if len(query.ble_dbm) < params.match.min_readings:
         few = NoFixReason.TOO_FEW_TRANSMITTERS if query.ble_dbm else NoFixReason.NOTHING_HEARD
-        return _without(state, few)
+        return without(state, few)
     return _match(state, query, scan.time_s, site, params)
 
 
@@ -87,10 +87,10 @@ def laterate(state: SessionState, scan: BleScan, site: SiteModel, params: Params
     if site.radio_map is not None and not len(state.window):
         return state
     if not site.anchors:
-        return _without(state, NoFixReason.NO_RADIO_MAP_OR_BEACONS)
+        return without(state, NoFixReason.NO_RADIO_MAP_OR_BEACONS)
     found, votes, state = solve_window(state, scan, site, params)
     if isinstance(found, NoFix):
-        return _without(state, found.reason)
+        return without(state, found.reason)
     place = np.array([[found.fix.x_m, found.fix.y_m]])
     noise = _noise(found.fix, params)
     sighting = Sighting(scan.time_s, place, np.ones(1), noise, votes)
@@ -108,7 +108,7 @@ def solve_window(
     if not len(state.window):
         unknown = NoFixReason.UNKNOWN_TRANSMITTERS if scan.readings else NoFixReason.NOTHING_HEARD
         return NoFix(scan.time_s, unknown), votes, state
-    belief = _believe(state, votes, scan.time_s, params)
+    belief = believe(state, votes, scan.time_s, params)
     floor = int(np.argmax(belief))
     on_floor = np.array([site.floor_index(a.floor_id) == floor for a in site.anchors])
     model = level_model(site.anchors, params.lateration.phone_height_m)
@@ -118,7 +118,8 @@ def solve_window(
     return found, votes, state
 
 
-def _too_few(scan: WifiScan, wanted: int) -> NoFixReason:
+def too_few(scan: WifiScan, wanted: int) -> NoFixReason:
+    """Return why a scan with fewer fresh readings than wanted is no fix."""
     if not scan.readings:
         return NoFixReason.NOTHING_HEARD
     stale = len(scan.readings) >= wanted
@@ -156,14 +157,14 @@ def _match(
     state: SessionState, query: Query, time_s: float, site: SiteModel, params: Params
 ) -> SessionState:
     if site.radio_map is None:
-        return _without(state, NoFixReason.NO_RADIO_MAP_OR_BEACONS)
+        return without(state, NoFixReason.NO_RADIO_MAP_OR_BEACONS)
     matches = match(query, site.radio_map, params.match)
     if matches is None:
-        return _without(state, NoFixReason.UNKNOWN_TRANSMITTERS)
+        return without(state, NoFixReason.UNKNOWN_TRANSMITTERS)
     if matches.nearest_sorensen > params.match.max_sorensen:
-        return _without(state, NoFixReason.OUTSIDE_MAPPED_AREA)
-    votes = _sums(matches.floor_index, matches.weight, len(site.floors))
-    belief = _believe(state, votes, time_s, params)
+        return without(state, NoFixReason.OUTSIDE_MAPPED_AREA)
+    votes = sums(matches.floor_index, matches.weight, len(site.floors))
+    belief = believe(state, votes, time_s, params)
     variance = _match_variance_m2(query, matches.nearest_sorensen, params.fusion)
     places = np.column_stack([matches.x_m, matches.y_m])
     noise = (variance, 0.0, variance)
@@ -207,7 +208,7 @@ def _match_variance_m2(query: Query, nearest_sorensen: float, params: FusionPara
     return params.noise_m2 * (1.0 + params.noise_sorensen * nearest_sorensen**2)
 
 
-def _believe(state: SessionState, votes: FloatArray, time_s: float, params: Params) -> FloatArray:
+def believe(state: SessionState, votes: FloatArray, time_s: float, params: Params) -> FloatArray:
     """Return the probability of each floor after a vote.
 
     A Bayes filter: people change floors at ``change_rate_ps``, so belief leaks to the other floors
@@ -240,7 +241,7 @@ def trusted(votes: FloatArray, params: Params) -> FloatArray:
 def _anchor_votes(state: SessionState, site: SiteModel) -> FloatArray:
     """Return each floor's share of the received power: slabs take 15 to 25 dB."""
     power = 10.0 ** (state.window.rssi_dbm / 10.0)
-    return _sums(_anchor_floors(site)[state.window.anchor_index], power, len(site.floors))
+    return sums(_anchor_floors(site)[state.window.anchor_index], power, len(site.floors))
 
 
 @lru_cache(maxsize=32)
@@ -255,9 +256,11 @@ def _anchor_levels(site: SiteModel, phone_height_m: float) -> LevelModel:
     return level_model(site.anchors, phone_height_m)
 
 
-def _sums(group: IntArray, value: FloatArray, groups: int) -> FloatArray:
+def sums(group: IntArray, value: FloatArray, groups: int) -> FloatArray:
+    """Return the sum of the values (n,) of each group (groups,)."""
     return np.bincount(group, value, groups).astype(np.float64)
 
 
-def _without(state: SessionState, reason: NoFixReason) -> SessionState:
+def without(state: SessionState, reason: NoFixReason) -> SessionState:
+    """Return the state with the reason why this observation told no place."""
     return replace(state, reason=reason)

@@ -17,6 +17,12 @@ from app.core.engine.grinyak2018 import (
     stay,
 )
 from app.core.engine.hearing import hear_beacons, slide_window
+from app.core.engine.liu2016 import (
+    Liu2016Params,
+    blend_scan,
+    blend_stride,
+    pass_over_beacons,
+)
 from app.core.engine.state import SessionState
 from app.core.engine.walking import (
     StrideRule,
@@ -106,6 +112,18 @@ GRINYAK2018 = Profile(
     stride=stay,
 )
 
+LIU2016 = Profile(
+    title="Wi-Fi neighbours; speed and heading blended with the sensors'; constant-velocity filter",
+    source="Liu, Jiang, Liu, Chen, Computer Science 43(1), 2016",
+    params=Liu2016Params(),
+    stages={
+        **MOTION,
+        BleScan: (pass_over_beacons,),
+        WifiScan: (blend_scan,),
+    },
+    stride=blend_stride,
+)
+
 ZHU2018 = Profile(
     title="Fingerprint fixes and a pedometer in a Kalman filter of scheduled variance",
     source="Zhu, Wang, Chen, Fang, Zhang, Packaging Engineering 39(5), 2018",
@@ -118,5 +136,5 @@ ZHU2018 = Profile(
     stride=walk_scheduled,
 )
 
-PROFILES: dict[str, Profile] = {p.name: p for p in (BEST, GRINYAK2018, ZHU2018)}
+PROFILES: dict[str, Profile] = {p.name: p for p in (BEST, GRINYAK2018, LIU2016, ZHU2018)}
 """Every profile by its name."""

@@ -5,6 +5,7 @@ from typing import TypeAlias
 
 from app.core.engine.order import OrderKey
 from app.core.fingerprint.query import Advertisement
+from app.core.fusion.blending import BlendedMotion
 from app.core.fusion.particles import Particles
 from app.core.fusion.planar import PlanarTrack
 from app.core.fusion.scheduled import ScheduledMemory
@@ -17,7 +18,7 @@ from app.core.types import BleScan, FloatArray, Method, NoFixReason, Used, WifiS
 Track: TypeAlias = Particles | PlanarTrack
 """State of a profile's filter; a session keeps to one kind."""
 
-Memory: TypeAlias = ScheduledMemory | None
+Memory: TypeAlias = BlendedMotion | ScheduledMemory | None
 """What a published profile remembers beside its track; a union of their own dataclasses."""
 
 

@@ -33,26 +33,28 @@ class UnequalLengthParams:
     Attributes
     ----------
     absence_db
-        P: under 18 dB places with few access points win (error 10 % larger), over 20 it is flat.
+        P: with 15 dB the profile's error is 7 % larger, between 20 and 30 it changes by 2 %.
     most_db
-        D: bodies and hands change a level by 15 to 20 dB, more says nothing more (3 %).
+        D: a body or a hand takes 15 to 20 dB; without a bound the error is 2 % larger.
     strength_exponent
-        e: with 0, all access points counting alike, the error is 15 % larger.
+        e: with 2 the error is 4 % larger; with 0, all access points counting alike, 31 %.
     floor_dbm
         Level that counts as not heard.
     k, softness_db
-        Neighbours, and the scale of their weights; means over more are drawn to the middle.
+        Neighbours, and the scale of their weights: half a dB leaves about five that count. Means
+        over more are drawn to the middle.
     outside_db
-        Where even the nearest fingerprint is farther, the phone is not in the mapped area.
+        Where even the nearest fingerprint is farther, the phone is not in the mapped area; on
+        ms2020's tuning walks it is 13 dB away in the median and 22.3 at most.
     """
 
     absence_db: float = 25.0
-    most_db: float = 20.0
+    most_db: float = 16.0
     strength_exponent: float = 3.0
     floor_dbm: float = -100.0
     k: int = 15
     softness_db: float = 0.5
-    outside_db: float = 24.0
+    outside_db: float = 22.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
