@@ -1,6 +1,7 @@
 """A hall with twelve access points and a fingerprint every 2 m; a phone's scans and steps in it."""
 
 import math
+from itertools import pairwise
 
 import numpy as np
 
@@ -31,16 +32,14 @@ def hall() -> SiteModel:
     return SiteModel("hall", 1, (floor,), radio_map=build_radio_map(("hall-F1",), surveyed))
 
 
-def scan(
-    time_s: float, x_m: float, y_m: float, rng: np.random.Generator | None = None
-) -> WifiScan:
+def scan(time_s: float, x_m: float, y_m: float, rng: np.random.Generator | None = None) -> WifiScan:
     heard = levels_dbm(x_m, y_m, rng)
     return WifiScan(time_s, tuple(Reading((key,), level) for key, level in heard.items()))
 
 
 def place_on(corners: list[tuple[float, float]], walked_m: float) -> tuple[float, float, float]:
     """Return the place and the direction walked after so many metres along the corners."""
-    for (x0, y0), (x1, y1) in zip(corners, corners[1:], strict=False):
+    for (x0, y0), (x1, y1) in pairwise(corners):
         leg_m = math.hypot(x1 - x0, y1 - y0)
         if walked_m <= leg_m:
             share = walked_m / leg_m

@@ -19,7 +19,7 @@ from app.services.building_import import radio_map_of, site_id_of
 from app.services.evaluation.ms2020 import score_trace, site_of
 from app.services.evaluation.walks import walk_figures
 
-# Each fit changes what the next one rests on; after three the weights move by less than their error.
+# Each fit changes what the next one rests on; after three, weights move by less than their errors.
 ROUNDS = 3
 
 

@@ -127,6 +127,17 @@ def test_a_straight_walk_at_one_pace_cannot_tell_the_weights_and_says_which() ->
     assert fit.onto(PLANTED) == PLANTED
 
 
+def test_a_walk_that_hardly_changes_its_pace_tells_too_little() -> None:
+    rng = np.random.default_rng(3)
+    epochs = []
+    for _ in range(100):
+        last, wifi = 1.2 + rng.normal(0.0, 0.05), rng.normal(1.2, 2.0)
+        speeds = (last, wifi, last + rng.normal(0.0, 0.05))
+        true_mps = np.dot(PLANTED.speed_weights, speeds) + rng.normal(0.0, 0.5)
+        epochs.append(LabelledEpoch(speeds, (0.1, 0.2, 0.3), float(true_mps), 0.2))
+    assert isinstance(fit_weights(epochs).speed, Unidentified)
+
+
 @pytest.mark.parametrize("count", [0, 1, 3])
 def test_too_few_epochs_tell_nothing(count: int) -> None:
     fit = fit_weights(winding_walk(60, PLANTED, 0.0)[:count])

@@ -97,12 +97,12 @@ def test_a_phone_that_counts_no_steps_stays_about_where_it_is() -> None:
     x, y, _ = place_on(CORNERS, PACE_MPS * 20.0)
     rest = [scan(START_S + t, x, y, rng) for t in np.arange(20.0, 80.0, 2.0).tolist()]
     state = folded(moving)
-    places = []
+    states = []
     for observation in rest:
         state, _ = advance(state, observation, SITE, PARAMS)
-        places.append(state.track.mean[:2])
-    assert np.linalg.norm(np.std(places[10:], axis=0)) < 1.0
-    assert state.track.mean[2:] == pytest.approx([0.0, 0.0], abs=0.3)
+        states.append(state.track.mean)
+    assert np.linalg.norm(np.std(states[10:], axis=0)[:2]) < 1.0
+    assert np.abs(states[10:])[:, 2:].max() < 0.3
 
 
 def test_without_any_sensor_it_follows_the_fixes_alone() -> None:
@@ -130,8 +130,16 @@ def stranger(time_s: float) -> WifiScan:
             SITE,
             NoFixReason.OUTSIDE_MAPPED_AREA,
         ),
-        (scan(START_S, 5.0, 5.0), replace(SITE, radio_map=None), NoFixReason.NO_RADIO_MAP_OR_BEACONS),
-        (BleScan(START_S, (Reading(("mac:000000000000",), -50.0),)), SITE, NoFixReason.NOTHING_HEARD),
+        (
+            scan(START_S, 5.0, 5.0),
+            replace(SITE, radio_map=None),
+            NoFixReason.NO_RADIO_MAP_OR_BEACONS,
+        ),
+        (
+            BleScan(START_S, (Reading(("mac:000000000000",), -50.0),)),
+            SITE,
+            NoFixReason.NOTHING_HEARD,
+        ),
     ],
 )
 def test_no_place_is_a_reason(observation, site, reason: NoFixReason) -> None:

@@ -97,10 +97,13 @@ def blend_scan(
         return without(state, NoFixReason.UNKNOWN_TRANSMITTERS)
     if found.distance_db[0] > params.neighbours.outside_db:
         return without(state, NoFixReason.OUTSIDE_MAPPED_AREA)
-    sighting = _sighting(state, scan.time_s, found, site, params)
-    used = Used(access_points=len(levels_dbm))
-    belief = believe(state, sighting.floor_votes, scan.time_s, params)
-    return _follow(replace(state, floor_belief=belief, used=used), sighting, params)
+    votes = sums(found.floor_index, found.weight, len(site.floors))
+    belief = believe(state, votes, scan.time_s, params)
+    state = replace(state, floor_belief=belief, used=Used(access_points=len(levels_dbm)))
+    places, weight = _on_floor(found, int(np.argmax(belief)))
+    variance_m2 = params.velocity.place_sigma_m**2
+    noise_m2 = variance_m2, 0.0, variance_m2
+    return _follow(state, Sighting(scan.time_s, places, weight, noise_m2, votes), params)
 
 
 def blend_stride(
@@ -142,24 +145,13 @@ def _levels_dbm(
     return levels_dbm
 
 
-def _sighting(
-    state: SessionState, time_s: float, found: Neighbours, site: SiteModel, params: Liu2016Params
-) -> Sighting:
-    """Return the neighbours on the floor that is believed in after their own votes."""
-    votes = sums(found.floor_index, found.weight, len(site.floors))
-    floor = int(np.argmax(believe(state, votes, time_s, params)))
-    here = found.floor_index == floor
+def _on_floor(found: Neighbours, floor_index: int) -> tuple[FloatArray, FloatArray]:
+    """Return places (n, 2) and weights (n,) of the neighbours on a floor; if none is, of all."""
+    here = found.floor_index == floor_index
     if not here.any():
         here = np.ones(len(here), dtype=np.bool_)
     weight = found.weight[here]
-    variance_m2 = params.velocity.place_sigma_m**2
-    return Sighting(
-        time_s,
-        np.column_stack([found.x_m, found.y_m])[here],
-        weight / weight.sum(),
-        (variance_m2, 0.0, variance_m2),
-        votes,
-    )
+    return np.column_stack([found.x_m, found.y_m])[here], weight / weight.sum()
 
 
 def _follow(state: SessionState, sighting: Sighting, params: Liu2016Params) -> SessionState:

@@ -11,8 +11,8 @@ counts more than D. ``w_t = max((level - floor) / -floor, 0)^e`` with the strong
 two places a near access point says more than a far one, and its absence too. The fix is the mean of
 the k nearest fingerprints, weights exp(-(d - d_min) / softness).
 
-Source: Liu et al., Computer Science 43(1), 2016: "only the access points in common count in the
-distance, absence is penalised". Its penalty is not known to us; P, D and the weights w_t are ours.
+Source: Liu et al., Computer Science 43(1), 2016: only access points in common are compared, and
+absence is penalised. Its penalty is not known to us; P, D and the weights w_t are ours.
 """
 
 from dataclasses import dataclass
@@ -134,19 +134,19 @@ def _distances_db(
     absence, most = limits
     rows = len(row_sum)
     apart = np.zeros(rows)
-    common = np.zeros(rows)
+    both = np.zeros(rows)
     shared = np.zeros(rows)
     for i in range(len(scan_column)):
         for entry in range(column_start[scan_column[i]], column_start[scan_column[i] + 1]):
             r = row[entry]
             weight = max(scan_strength[i], strength[entry])
             apart[r] += weight * min(abs(scan_level[i] - level[entry]), most) ** 2
-            common[r] += weight
+            both[r] += weight
             shared[r] += scan_strength[i] + strength[entry]
     distance = np.empty(rows)
     for r in range(rows):
         absent = max(scan_sum + row_sum[r] - shared[r], 0.0)
-        total = common[r] + absent
+        total = both[r] + absent
         distance[r] = absence
         if total > 0.0:
             distance[r] = np.sqrt((apart[r] + absence**2 * absent) / total)

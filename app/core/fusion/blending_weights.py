@@ -2,8 +2,8 @@
 
 Equations
 ---------
-An epoch of a walk leads from the last output P to a fix at time t, where the walker truly was at T;
-dt, V_i and O_i as in `app.core.fusion.blending`, e(O) = (cos O, sin O). What would have been right::
+An epoch of a walk leads from the last output P to a fix, at whose time the walker truly was at T;
+dt, V_i, O_i and e(O) as in `app.core.fusion.blending`. What would have been right::
 
     O_true = direction in which the walker truly went,   V_true = (T - P) . e(O) / dt
 
@@ -51,13 +51,13 @@ class LabelledEpoch:
 class WeightFit:
     """Fitted weights with their standard errors.
 
-    ``residual_total`` is the standard deviation of what they leave: m/s for speeds, and for
+    ``residual_scale`` is the standard deviation of what they leave: m/s for speeds, and for
     headings the part of a unit vector across the true one (about radians).
     """
 
     weights: Three
     sigmas: Three
-    residual_total: float
+    residual_scale: float
     epochs: int
 
 

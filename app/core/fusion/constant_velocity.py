@@ -30,8 +30,8 @@ _PLACE, _VELOCITY = 0, 2
 class ConstantVelocityParams:
     """How a walker moves, and how far off what is measured of him may be.
 
-    Fitted on ms2020 (fold 1 against a map of folds 2 and 3); within a factor of 2 of each the error
-    changes by less than 1 %.
+    Fitted on ms2020 (fold 1 against a map of folds 2 and 3); the error is flat within 3 % over a
+    factor of 2 in each of the first four.
 
     Attributes
     ----------
