@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from app.core.engine.fixing import solve_window
-from app.core.engine.state import SessionState, Stride
+from app.core.engine.state import SessionState
 from app.core.fusion.planar import PlanarTrack
 from app.core.params import LaterationParams, Params, ReportParams, SmootherParams
 from app.core.site import SiteModel
@@ -68,12 +68,4 @@ def pass_over_wifi(
         return replace(state, reason=NoFixReason.NO_BEACONS)
     if state.reason is NoFixReason.NOT_STARTED:
         return replace(state, reason=NoFixReason.NOTHING_HEARD)
-    return state
-
-
-def stay(
-    state: SessionState, stride: Stride, site: SiteModel, params: Grinyak2018Params
-) -> SessionState:
-    """Leave the track where it is: a stride tells of motion, not of place."""
-    _ = stride, site, params
     return state

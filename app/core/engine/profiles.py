@@ -14,7 +14,6 @@ from app.core.engine.grinyak2018 import (
     Grinyak2018Params,
     locate_window,
     pass_over_wifi,
-    stay,
 )
 from app.core.engine.hearing import hear_beacons, slide_window
 from app.core.engine.liu2016 import (
@@ -30,6 +29,7 @@ from app.core.engine.walking import (
     find_strides,
     sense_motion,
     spread_pedometer,
+    stay,
     take_phone_steps,
     walk_particles,
 )

@@ -106,6 +106,12 @@ def walk_particles(
     return replace(state, track=track)
 
 
+def stay(state: SessionState, stride: Stride, site: SiteModel, params: Params) -> SessionState:
+    """Leave the track where it is: a stride tells of motion, not of place."""
+    _ = stride, site, params
+    return state
+
+
 def take_strides(
     state: SessionState, until_s: float, rule: StrideRule, site: SiteModel, params: Params
 ) -> SessionState:
