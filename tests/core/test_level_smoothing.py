@@ -8,10 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.core.radio.level_smoothing import (
+    LevelMemory,
     LevelSmoothingParams,
+    Measurement,
     SmoothedLevel,
     first_level,
     jump_measure,
+    listen,
     next_level,
 )
 from app.storage.codec import TreeCodec
@@ -99,3 +102,37 @@ def test_a_stored_filter_goes_on_bit_for_bit() -> None:
     restored = codec.decode(codec.encode(before))
     assert restored == before
     assert next_level(restored, -61.7, PARAMS) == next_level(before, -61.7, PARAMS)
+
+
+def test_each_transmitter_has_its_own_filter() -> None:
+    memory = listen(LevelMemory({}), [Measurement("a", 0.0, -60.0)], 0.0, 5.0, PARAMS)
+    heard = [Measurement("b", 1.0, -80.0), Measurement("a", 1.0, -64.0)]
+    memory = listen(memory, heard, 1.0, 5.0, PARAMS)
+    assert memory.by_key["b"].smoothed == first_level(-80.0, PARAMS)
+    expected = next_level(first_level(-60.0, PARAMS), -64.0, PARAMS)
+    assert memory.by_key["a"].smoothed == expected
+
+
+def test_the_same_measurement_told_again_counts_once() -> None:
+    once = listen(LevelMemory({}), [Measurement("a", 10.0, -60.0)], 10.0, 5.0, PARAMS)
+    again = listen(once, [Measurement("a", 10.0 + 1e-7, -60.0)], 12.0, 5.0, PARAMS)
+    assert again == once
+
+
+def test_a_transmitter_that_fell_silent_is_forgotten_and_begins_anew() -> None:
+    memory = listen(LevelMemory({}), [Measurement("a", 0.0, -60.0)], 0.0, 5.0, PARAMS)
+    assert "a" in listen(memory, [], 5.0, 5.0, PARAMS).by_key
+    assert "a" not in listen(memory, [], 5.1, 5.0, PARAMS).by_key
+    later = listen(memory, [Measurement("a", 6.0, -80.0)], 6.0, 5.0, PARAMS)
+    assert later.by_key["a"].smoothed == first_level(-80.0, PARAMS)
+
+
+def test_a_measurement_that_is_old_already_is_not_heard() -> None:
+    stale = [Measurement("a", 0.0, -60.0)]
+    assert not listen(LevelMemory({}), stale, 30.0, 5.0, PARAMS).by_key
+
+
+def test_the_order_of_a_scan_is_irrelevant() -> None:
+    heard = [Measurement(key, t, -60.0 - t) for key in "ab" for t in (0.0, 1.0, 2.0)]
+    forward = listen(LevelMemory({}), heard, 2.0, 5.0, PARAMS)
+    assert listen(LevelMemory({}), heard[::-1], 2.0, 5.0, PARAMS) == forward

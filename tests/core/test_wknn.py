@@ -5,7 +5,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from app.core.fingerprint.wknn import SignalSpace, WknnParams, mean_place, nearest, signal_space
+from app.core.fingerprint.wknn import (
+    SignalSpace,
+    WknnParams,
+    mean_place,
+    nearest,
+    of_floor,
+    signal_space,
+)
 
 PARAMS = WknnParams()
 MISSING = PARAMS.missing_dbm
@@ -75,3 +82,15 @@ def test_the_inverted_index_agrees_with_the_sum_over_all_transmitters(seed: int)
     distance_db = np.linalg.norm(filled(levels_dbm) - filled(query), axis=1)
     assert found.distance_db == pytest.approx(np.sort(distance_db)[:4])
     assert distance_db[found.point] == pytest.approx(found.distance_db)
+
+
+def test_neighbours_of_a_floor_share_the_weight_anew() -> None:
+    places = (np.array([0, 1, 0]), np.arange(3.0), np.zeros(3))
+    entries = (np.arange(3), np.zeros(3, dtype=np.int64), np.array([-61.0, -62.0, -63.0]))
+    found = nearest({0: -60.0}, signal_space(places, entries, 1, PARAMS), PARAMS)
+    assert found is not None
+    here = of_floor(found, 0)
+    assert here is not None
+    assert here.point.tolist() == [0, 2]
+    assert here.weight == pytest.approx([0.75, 0.25])
+    assert of_floor(found, 2) is None

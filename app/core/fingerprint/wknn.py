@@ -162,6 +162,22 @@ def nearest(
     )
 
 
+def of_floor(neighbours: Neighbours, floor_index: int) -> Neighbours | None:
+    """Return the neighbours on a floor, their weights sharing 1 anew; None if there are none."""
+    here = neighbours.floor_index == floor_index
+    if not here.any():
+        return None
+    weight = neighbours.weight[here]
+    return Neighbours(
+        point=neighbours.point[here],
+        distance_db=neighbours.distance_db[here],
+        weight=weight / weight.sum(),
+        floor_index=neighbours.floor_index[here],
+        x_m=neighbours.x_m[here],
+        y_m=neighbours.y_m[here],
+    )
+
+
 def mean_place(neighbours: Neighbours) -> tuple[FloatArray, FloatArray]:
     """Return the weighted mean (2,) of the neighbours' places, and their scatter (2, 2) about it.
 

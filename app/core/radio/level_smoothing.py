@@ -18,8 +18,8 @@ the same one is not found twice.
 The paper's equations 10 to 12 (psi, Phi and what is done at a jump) are lost in print; this form is
 ours. It keeps what the text says of them: the mean over alpha measurements, its distance from the
 estimate, damping by beta and by P(k - 1). Settled, the threshold is ``beta gamma`` = 2 dB. Noise of
-3 dB moves psi - x by 0.6 dB (1 sigma), so it seldom jumps there; one measurement alone moves psi by
-an eighth of what it is off, so that a single one, 15 dB too low, is no jump.
+3 dB moves psi - x by 0.6 dB (1 sigma), so it seldom jumps there; 4 dB are too much. One measurement
+alone moves psi by an eighth of what it is off, so that a single one, 15 dB too low, is no jump.
 
 The printed gain ``K = H P H' + R`` lacks the inverse.
 
@@ -28,7 +28,12 @@ Journal of Anhui Agricultural Sciences 44(8), 2016.
 """
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import NamedTuple
+
+SAME_TIME_S = 1e-3
+"""Nearer in time is the same measurement: ages come in milliseconds, and times are rounded."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,6 +84,51 @@ class SmoothedLevel:
     level_dbm: float
     variance_db2: float
     recent_dbm: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class HeardLevel:
+    """A transmitter's filter and when it was last fed."""
+
+    time_s: float
+    smoothed: SmoothedLevel
+
+
+@dataclass(frozen=True, slots=True)
+class LevelMemory:
+    """What a session remembers of levels: a filter per transmitter key heard lately."""
+
+    by_key: dict[str, HeardLevel]
+
+
+class Measurement(NamedTuple):
+    """One level of one transmitter, at the time it was measured."""
+
+    key: str
+    time_s: float
+    rssi_dbm: float
+
+
+def listen(
+    memory: LevelMemory,
+    measurements: Iterable[Measurement],
+    now_s: float,
+    hold_s: float,
+    params: LevelSmoothingParams,
+) -> LevelMemory:
+    """Return the memory after further measurements, without what is older than ``hold_s``.
+
+    A measurement that is no newer than its transmitter's last is passed over: phones report what
+    they have heard once again and again.
+    """
+    by_key = dict(memory.by_key)
+    for key, time_s, rssi_dbm in sorted(measurements):
+        before = by_key.get(key)
+        if before is None or time_s - before.time_s > hold_s:
+            by_key[key] = HeardLevel(time_s, first_level(rssi_dbm, params))
+        elif time_s - before.time_s > SAME_TIME_S:
+            by_key[key] = HeardLevel(time_s, next_level(before.smoothed, rssi_dbm, params))
+    return LevelMemory({k: h for k, h in by_key.items() if now_s - h.time_s <= hold_s})
 
 
 def first_level(rssi_dbm: float, params: LevelSmoothingParams) -> SmoothedLevel:
