@@ -8,7 +8,6 @@ SCRIPT = """
 import sys
 from numba.core.dispatcher import Dispatcher
 from app.core import engine
-from app.core.params import Params
 from app.core.simulate import walk, warehouse
 
 def ready():
@@ -23,10 +22,12 @@ assert not any(ready().values())
 engine.warm_up()
 before = ready()
 for imu in (False, True):
-    state = engine.start()
-    for observation in walk(world, 5, start_s=0.0, duration_s=60.0, imu=imu).observations:
-        state, _ = engine.advance(state, observation, world.site, Params())
-    engine.finish(state, world.site, Params())
+    observations = walk(world, 5, start_s=0.0, duration_s=60.0, imu=imu).observations
+    for profile in engine.PROFILES.values():
+        state = engine.start()
+        for observation in observations:
+            state, _ = engine.advance(state, observation, world.site, profile.params)
+        engine.finish(state, world.site, profile.params)
 late = {name: signatures for name, signatures in ready().items() if signatures != before[name]}
 assert not late, late
 assert sum(map(bool, before.values())) >= 10, before

@@ -23,6 +23,12 @@ from app.core.engine.liu2016 import (
     pass_over_beacons,
 )
 from app.core.engine.state import SessionState
+from app.core.engine.tao2016 import (
+    Tao2016Params,
+    locate_by_beacons,
+    locate_by_wifi,
+    smooth_levels,
+)
 from app.core.engine.walking import (
     StrideRule,
     diffuse_unseen,
@@ -124,6 +130,18 @@ LIU2016 = Profile(
     stride=blend_stride,
 )
 
+TAO2016 = Profile(
+    title="Levels smoothed by jump-adaptive filters, nearest neighbours in a cleaned map",
+    source="Tao, Yang, Wang, Zhang, Journal of Anhui Agricultural Sciences 44(8), 2016",
+    params=Tao2016Params(),
+    stages={
+        **MOTION,
+        BleScan: (smooth_levels, locate_by_beacons),
+        WifiScan: (smooth_levels, locate_by_wifi),
+    },
+    stride=stay,
+)
+
 ZHU2018 = Profile(
     title="Fingerprint fixes and a pedometer in a Kalman filter of scheduled variance",
     source="Zhu, Wang, Chen, Fang, Zhang, Packaging Engineering 39(5), 2018",
@@ -136,5 +154,7 @@ ZHU2018 = Profile(
     stride=walk_scheduled,
 )
 
-PROFILES: dict[str, Profile] = {p.name: p for p in (BEST, GRINYAK2018, LIU2016, ZHU2018)}
+PROFILES: dict[str, Profile] = {
+    p.name: p for p in (BEST, GRINYAK2018, LIU2016, TAO2016, ZHU2018)
+}
 """Every profile by its name."""

@@ -12,13 +12,14 @@ from app.core.fusion.scheduled import ScheduledMemory
 from app.core.fusion.sighting import Sighting
 from app.core.motion.mode import MotionState
 from app.core.motion.steps import StepDetector
+from app.core.radio.level_smoothing import LevelMemory
 from app.core.radio.windows import Window
 from app.core.types import BleScan, FloatArray, Method, NoFixReason, Used, WifiScan
 
 Track: TypeAlias = Particles | PlanarTrack
 """State of a profile's filter; a session keeps to one kind."""
 
-Memory: TypeAlias = BlendedMotion | ScheduledMemory | None
+Memory: TypeAlias = BlendedMotion | LevelMemory | ScheduledMemory | None
 """What a published profile remembers beside its track; a union of their own dataclasses."""
 
 

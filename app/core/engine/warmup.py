@@ -5,9 +5,9 @@ import math
 import numpy as np
 
 from app.core.engine.order import order_key
+from app.core.engine.profiles import PROFILES
 from app.core.engine.smoothing import smoothed
 from app.core.fingerprint.radio_map import Fingerprint, build_radio_map
-from app.core.params import Params
 from app.core.site import Floor, SiteModel
 from app.core.types import Anchor, BleScan, ImuBlock, Observation, Reading, Steps, WifiScan
 
@@ -16,12 +16,14 @@ _STEP_HZ, _RATE_HZ = 2.0, 50.0
 
 
 def warm_up() -> None:
-    """Fold and smooth two seconds of everything that runs a kernel.
+    """Fold and smooth two seconds of everything that runs a kernel, with every profile.
 
     A kernel is compiled at its first call, which takes seconds on a new machine, and read from the
     cache of an earlier run after that, which still takes longer than a phone's batch should.
     """
-    smoothed(sorted(_short_walk(), key=order_key), _small_site(), Params())
+    walk, site = sorted(_short_walk(), key=order_key), _small_site()
+    for profile in PROFILES.values():
+        smoothed(walk, site, profile.params)
 
 
 def _small_site() -> SiteModel:
