@@ -5,6 +5,7 @@ from typing import Protocol
 
 from app.services.evaluation.figures import Figures
 from app.services.evaluation.papers import grinyak2018, liu2016, zhu2018
+from app.services.evaluation.papers import grinyak2018, tao2016
 from app.services.evaluation.parallel import on_all_cores
 
 
@@ -21,6 +22,7 @@ PAPERS: Mapping[str, Paper] = {
     "grinyak2018": grinyak2018,
     "liu2016": liu2016,
     "zhu2018": zhu2018,
+    "tao2016": tao2016,
 }
 
 
