@@ -154,7 +154,5 @@ ZHU2018 = Profile(
     stride=walk_scheduled,
 )
 
-PROFILES: dict[str, Profile] = {
-    p.name: p for p in (BEST, GRINYAK2018, LIU2016, TAO2016, ZHU2018)
-}
+PROFILES: dict[str, Profile] = {p.name: p for p in (BEST, GRINYAK2018, LIU2016, TAO2016, ZHU2018)}
 """Every profile by its name."""

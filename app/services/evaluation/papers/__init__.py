@@ -4,8 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Protocol
 
 from app.services.evaluation.figures import Figures
-from app.services.evaluation.papers import grinyak2018, liu2016, zhu2018
-from app.services.evaluation.papers import grinyak2018, tao2016
+from app.services.evaluation.papers import grinyak2018, liu2016, tao2016, zhu2018
 from app.services.evaluation.parallel import on_all_cores
 
 
