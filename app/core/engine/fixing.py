@@ -65,7 +65,7 @@ def match_beacons(
     lateration does it instead.
     """
     radio_map = site.radio_map
-    if radio_map is None or len(state.window) or _may_scan_wifi(state, scan.time_s, params.match):
+    if radio_map is None or len(state.window) or may_scan_wifi(state, scan.time_s, params.match):
         return state
     query = Query({}, mean_ble_dbm(state.heard, first_of(radio_map.column_by_key)))
     if len(query.ble_dbm) < params.match.min_readings:
@@ -74,7 +74,7 @@ def match_beacons(
     return _match(state, query, scan.time_s, site, params)
 
 
-def _may_scan_wifi(state: SessionState, time_s: float, params: MatchParams) -> bool:
+def may_scan_wifi(state: SessionState, time_s: float, params: MatchParams) -> bool:
     """Return whether a Wi-Fi scan is still to be expected, which tells far more."""
     if state.wifi_s is not None:
         return time_s - state.wifi_s <= params.wifi_gap_s
@@ -104,7 +104,7 @@ def solve_window(
 
     The state then knows what the levels tell of motion and floor.
     """
-    votes = _anchor_votes(state, site)
+    votes = anchor_votes(state, site)
     if not len(state.window):
         unknown = NoFixReason.UNKNOWN_TRANSMITTERS if scan.readings else NoFixReason.NOTHING_HEARD
         return NoFix(scan.time_s, unknown), votes, state
@@ -238,20 +238,20 @@ def trusted(votes: FloatArray, params: Params) -> FloatArray:
     return np.asarray(likelihood)
 
 
-def _anchor_votes(state: SessionState, site: SiteModel) -> FloatArray:
+def anchor_votes(state: SessionState, site: SiteModel) -> FloatArray:
     """Return each floor's share of the received power: slabs take 15 to 25 dB."""
     power = 10.0 ** (state.window.rssi_dbm / 10.0)
-    return sums(_anchor_floors(site)[state.window.anchor_index], power, len(site.floors))
+    return sums(anchor_floors(site)[state.window.anchor_index], power, len(site.floors))
 
 
 @lru_cache(maxsize=32)
-def _anchor_floors(site: SiteModel) -> IntArray:
+def anchor_floors(site: SiteModel) -> IntArray:
     """Return the floor index of each anchor; computed once per site model."""
     return np.array([site.floor_index(a.floor_id) for a in site.anchors], dtype=np.int64)
 
 
 @lru_cache(maxsize=32)
-def _anchor_levels(site: SiteModel, phone_height_m: float) -> LevelModel:
+def anchor_levels(site: SiteModel, phone_height_m: float) -> LevelModel:
     """Return the level models of the site's anchors; computed once per site model."""
     return level_model(site.anchors, phone_height_m)
 

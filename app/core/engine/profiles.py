@@ -4,6 +4,14 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
+from app.core.engine.blunavi2020 import (
+    Blunavi2020Params,
+    correct_by_ranges,
+    vote_by_beacons,
+    vote_by_wifi,
+    walk_planar,
+    widen_unseen,
+)
 from app.core.engine.fixing import (
     correct_particles,
     laterate,
@@ -154,5 +162,19 @@ ZHU2018 = Profile(
     stride=walk_scheduled,
 )
 
-PROFILES: dict[str, Profile] = {p.name: p for p in (BEST, GRINYAK2018, LIU2016, TAO2016, ZHU2018)}
+BLUNAVI2020 = Profile(
+    title="Votes for a reference point, an EKF on ranges in line of sight, steps between",
+    source="Nguyen Ngoc Khuong, Haiphong University Journal of Science 44, 2021",
+    params=Blunavi2020Params(),
+    stages={
+        **MOTION,
+        BleScan: (hear_beacons, slide_window, widen_unseen, correct_by_ranges, vote_by_beacons),
+        WifiScan: (widen_unseen, vote_by_wifi),
+    },
+    stride=walk_planar,
+)
+
+PROFILES: dict[str, Profile] = {
+    p.name: p for p in (BEST, GRINYAK2018, LIU2016, TAO2016, ZHU2018, BLUNAVI2020)
+}
 """Every profile by its name."""

@@ -138,20 +138,25 @@ def take_strides(
 def diffuse_unseen(
     state: SessionState, scan: BleScan | WifiScan, site: SiteModel, params: Params
 ) -> SessionState:
-    """Widen the filter for motion that no sensor would have shown.
-
-    With an inertial sensor or a step counter no steps means no motion (but for a little sway);
-    without one, or in a gap of it, the phone may have gone anywhere at walking pace.
-    """
+    """Widen the filter for motion that no sensor would have shown."""
     if not isinstance(state.track, Particles) or state.scanned_s is None:
         return state
-    elapsed_s = scan.time_s - state.scanned_s
-    inertial = state.detector.end_s > scan.time_s - params.fusion.sensor_gap_s
-    seen = inertial or state.phone_steps_s is not None
-    rate = params.fusion.sway_m2ps if seen else params.fusion.unseen_m2ps
-    drift_m2 = rate * elapsed_s
+    drift_m2 = unseen_drift_m2(state, scan.time_s, params)
     evidence = replace(state.evidence, drift_m2=drift_m2)
     if drift_m2 <= 0.0:
         return replace(state, evidence=evidence)
     track = diffuse(state.track, drift_m2, ground_of(state.floor_belief, site))
     return replace(state, track=track, evidence=evidence)
+
+
+def unseen_drift_m2(state: SessionState, time_s: float, params: Params) -> float:
+    """Return how much each axis' variance grew since the last scan by motion not shown.
+
+    With an inertial sensor or a step counter no steps means no motion (but for a little sway);
+    without one, or in a gap of it, the phone may have gone anywhere at walking pace.
+    """
+    elapsed_s = time_s - (time_s if state.scanned_s is None else state.scanned_s)
+    inertial = state.detector.end_s > time_s - params.fusion.sensor_gap_s
+    seen = inertial or state.phone_steps_s is not None
+    rate = params.fusion.sway_m2ps if seen else params.fusion.unseen_m2ps
+    return rate * elapsed_s

@@ -20,6 +20,7 @@ Source: Nguyen Ngoc Khuong, "BluNavi: an indoor positioning and navigation syste
 University Journal of Science 44, 2021.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -43,10 +44,17 @@ class VotingParams:
         flat within 3 % from 6 to 10 dB.
     min_votes
         Fewer are no answer: one transmitter fits some cell of any map by chance.
+    least_vote_share
+        Nor is a smaller share of what is heard: outside the surveyed area most votes are missing.
     """
 
     within_db: float = 8.0
     min_votes: int = 2
+    least_vote_share: float = 0.15
+
+    def needed(self, heard: int) -> int:
+        """Return the votes that a winner needs where so many transmitters are heard."""
+        return max(self.min_votes, math.ceil(self.least_vote_share * heard))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

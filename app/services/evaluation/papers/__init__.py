@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Protocol
 
 from app.services.evaluation.figures import Figures
-from app.services.evaluation.papers import grinyak2018, liu2016, tao2016, zhu2018
+from app.services.evaluation.papers import blunavi2020, grinyak2018, liu2016, tao2016, zhu2018
 from app.services.evaluation.parallel import on_all_cores
 
 
@@ -19,6 +19,7 @@ class Paper(Protocol):
 
 PAPERS: Mapping[str, Paper] = {
     "grinyak2018": grinyak2018,
+    "blunavi2020": blunavi2020,
     "liu2016": liu2016,
     "zhu2018": zhu2018,
     "tao2016": tao2016,
