@@ -129,6 +129,7 @@ def _run(seed: int) -> dict[str, float]:
         "hmm_m": _belief_error_m(walk, survey, beliefs.step, beliefs.forward),
         "hmm_smoothed_m": _belief_error_m(walk, survey, beliefs.step, beliefs.smoothed),
         "ours_m": ours_m,
+        "ours_without_ranges_m": _followed_m(walk, _by_fingerprints(survey, beliefs)),
         "dead_reckoning_over_ranging": rows["dead_reckoning_m"] / rows["ranging_m"],
         "ranging_over_ekf_constant_noise": rows["ranging_m"] / rows["ekf_constant_noise_m"],
         "ours_over_best_row": ours_m / min(rows.values()),
@@ -218,17 +219,30 @@ def _by_ranges(levels_dbm: FloatArray, constant_sigma_m: float | None) -> Correc
     return correct
 
 
-def _by_everything(walk: Walk, survey: Survey, beliefs: Beliefs) -> Correct:
-    """Return what the paper wished for: ranges in line of sight, and the HMM's places."""
+def _by_fingerprints(survey: Survey, beliefs: Beliefs) -> Correct:
+    """Return the HMM's correction of the dead reckoning."""
     belief_at = dict(zip(beliefs.step, beliefs.forward, strict=True))
 
     def correct(track: PlanarTrack, i: int) -> PlanarTrack:
-        if i in belief_at:
-            # The belief was carried by the same steps: it replaces the track, it is no news to it.
-            track = PlanarTrack(*hmm.moments(belief_at[i], survey.cells))
-        sights = _sights(walk, i, track)
+        if i not in belief_at:
+            return track
+        # The belief was carried by the same steps: it replaces the track, it is no news to it.
+        return PlanarTrack(*hmm.moments(belief_at[i], survey.cells))
+
+    return correct
+
+
+def _by_everything(walk: Walk, survey: Survey, beliefs: Beliefs) -> Correct:
+    """Return what the paper wished for: ranges in line of sight, and the HMM's correction."""
+    by_fingerprints = _by_fingerprints(survey, beliefs)
+
+    def correct(track: PlanarTrack, i: int) -> PlanarTrack:
+        track = by_fingerprints(track, i)
         # Windows that overlap would tell the same levels twice.
-        if i % WINDOW_STEPS or not sights.laterate:
+        if i % WINDOW_STEPS:
+            return track
+        sights = _sights(walk, i, track)
+        if not sights.laterate:
             return track
         seen = sights.in_sight
         return corrected(track, _ranges(sights.anchor_index[seen], sights.level_dbm[seen]))
