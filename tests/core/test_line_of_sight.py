@@ -51,6 +51,8 @@ def test_deviation_alone_tells_what_is_hidden_where_the_track_is_known():
     assert share_in_sight(0.0, 3.5, believed(0.5), alike) > 0.95
     assert share_in_sight(12.0, 3.5, believed(0.5), alike) < 0.05
     assert share_in_sight(12.0, 3.5, None, alike) == 1.0
+    # Nothing between phone and beacon makes a level louder.
+    assert share_in_sight(-8.0, 3.5, believed(0.5), alike) > 0.9
 
 
 def test_fading_alone_tells_what_is_hidden_without_a_track():
