@@ -20,9 +20,9 @@ from app.services.evaluation.figures import Evaluation, Figures, error_figures
 
 PROTOCOL = (
     "receivers calibrated and map surveyed on the calibration drive; asked at every row of the "
-    "test drive, causal, with the levels of the last 2 s; engine: the profiles best and "
-    "grinyak2018, fed with the same rows as scans, and their stored tracks; roles reversed, the "
-    "robot transmits"
+    "test drive, causal, with the levels of the last 2 s; engine: the profiles best, grinyak2018 "
+    "and blunavi2020, fed with the same rows as scans, and their stored tracks; roles reversed, "
+    "the robot transmits"
 )
 WINDOW_S = 2.0
 TRANSMITTER_HEIGHT_M = 1.3
@@ -39,12 +39,15 @@ def evaluate(
     params = CalibrationParams(phone_height_m=TRANSMITTER_HEIGHT_M)
     known = fitted(anchors, levels, params)
     radio_map = _radio_map(anchors, surveyed)
+    laterating, mapped = _site(asked, known, None), _site(asked, anchors, radio_map)
     profiles = {
         "lateration": _figures(asked, _lateration(asked, known)),
         "fingerprint": _figures(asked, _fingerprint(asked, anchors, radio_map)),
-        "best_path_loss": _engine_figures(asked, _site(asked, known, None), "best"),
-        "best_radio_map": _engine_figures(asked, _site(asked, anchors, radio_map), "best"),
-        "grinyak2018": _engine_figures(asked, _site(asked, known, None), "grinyak2018"),
+        "best_path_loss": _engine_figures(asked, laterating, "best"),
+        "best_radio_map": _engine_figures(asked, mapped, "best"),
+        "grinyak2018": _engine_figures(asked, laterating, "grinyak2018"),
+        "blunavi2020_ranges": _engine_figures(asked, laterating, "blunavi2020"),
+        "blunavi2020_votes": _engine_figures(asked, mapped, "blunavi2020"),
     }
     return Evaluation("kolakowski", "pharos evaluate kolakowski DIR", PROTOCOL, profiles)
 
