@@ -37,7 +37,7 @@ from app.core.fusion.range_ekf import (
     pulled,
     range_sigma_m,
 )
-from app.core.params import Params, ReportParams, SmootherParams
+from app.core.params import LevelOffsetParams, Params, ReportParams, SmootherParams
 from app.core.radio.line_of_sight import Believed, LineOfSightParams, Sights, lines_of_sight
 from app.core.radio.path_loss import DZ2, SLOPE, LevelModel, X, Y, distances_of_levels
 from app.core.radio.windows import of_anchors
@@ -76,6 +76,7 @@ class Blunavi2020Params(Params):
 
     profile: str = "blunavi2020"
     report: ReportParams = field(default_factory=_published_report)
+    level_offset: LevelOffsetParams | None = None
     smoother: SmootherParams | None = None
     cells: CellParams = field(default_factory=CellParams)
     voting: VotingParams = field(default_factory=VotingParams)

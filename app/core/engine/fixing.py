@@ -8,8 +8,15 @@ import numpy as np
 
 from app.core.engine.standing import ground_of
 from app.core.engine.state import SessionState
+from app.core.fingerprint.level_offset import (
+    LevelOffset,
+    first_offset,
+    learned,
+    without_offset,
+)
 from app.core.fingerprint.matching import match
 from app.core.fingerprint.query import Query, first_of, fresh_wifi_dbm, mean_ble_dbm, within
+from app.core.fingerprint.radio_map import RadioMap
 from app.core.fusion.particles import Particles, begin, update
 from app.core.fusion.sighting import Noise, Sighting
 from app.core.lateration.windowed import Estimate, estimate
@@ -156,11 +163,18 @@ def _by_motion(
 def _match(
     state: SessionState, query: Query, time_s: float, site: SiteModel, params: Params
 ) -> SessionState:
-    if site.radio_map is None:
+    radio_map = site.radio_map
+    if radio_map is None:
         return without(state, NoFixReason.NO_RADIO_MAP_OR_BEACONS)
-    matches = match(query, site.radio_map, params.match)
+    offset = _offset_so_far(state, query, radio_map, params)
+    if offset is not None:
+        query = without_offset(query, offset.mean_db)
+    matches = match(query, radio_map, params.match)
     if matches is None:
         return without(state, NoFixReason.UNKNOWN_TRANSMITTERS)
+    if offset is not None and params.level_offset is not None:
+        offset = learned(offset, query, matches, radio_map, params.level_offset)
+        state = replace(state, level_offset=offset)
     if matches.nearest_sorensen > params.match.max_sorensen:
         return without(state, NoFixReason.OUTSIDE_MAPPED_AREA)
     votes = sums(matches.floor_index, matches.weight, len(site.floors))
@@ -172,6 +186,17 @@ def _match(
     evidence = replace(state.evidence, sighting=sighting, means=Method.FINGERPRINT)
     heard = Used(beacons=len(query.ble_dbm), access_points=len(query.wifi_dbm))
     return replace(state, floor_belief=belief, evidence=evidence, used=heard)
+
+
+def _offset_so_far(
+    state: SessionState, query: Query, radio_map: RadioMap, params: Params
+) -> LevelOffset | None:
+    """Return what is known of the phone's level offset; None: the profile takes levels as told."""
+    if params.level_offset is None or state.level_offset is not None:
+        return state.level_offset
+    if not query.wifi_dbm:
+        return LevelOffset(0.0, params.level_offset.prior_db**2)
+    return first_offset(query, radio_map, params.match, params.level_offset)
 
 
 def correct_particles(

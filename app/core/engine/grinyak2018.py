@@ -15,7 +15,13 @@ import numpy as np
 from app.core.engine.fixing import solve_window
 from app.core.engine.state import SessionState
 from app.core.fusion.planar import PlanarTrack
-from app.core.params import LaterationParams, Params, ReportParams, SmootherParams
+from app.core.params import (
+    LaterationParams,
+    LevelOffsetParams,
+    Params,
+    ReportParams,
+    SmootherParams,
+)
 from app.core.site import SiteModel
 from app.core.types import BleScan, Method, NoFix, NoFixReason, WifiScan
 
@@ -39,6 +45,7 @@ class Grinyak2018Params(Params):
     profile: str = "grinyak2018"
     lateration: LaterationParams = field(default_factory=_published_lateration)
     report: ReportParams = field(default_factory=_published_report)
+    level_offset: LevelOffsetParams | None = None
     smoother: SmootherParams | None = None
 
 

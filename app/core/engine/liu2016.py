@@ -42,7 +42,7 @@ from app.core.fusion.constant_velocity import (
 )
 from app.core.fusion.planar import PlanarTrack
 from app.core.fusion.sighting import Sighting
-from app.core.params import Params, ReportParams, SmootherParams
+from app.core.params import LevelOffsetParams, Params, ReportParams, SmootherParams
 from app.core.site import SiteModel
 from app.core.types import BleScan, FloatArray, Method, NoFixReason, Used, WifiScan
 
@@ -66,6 +66,7 @@ class Liu2016Params(Params):
     blending: BlendingParams = field(default_factory=BlendingParams)
     velocity: ConstantVelocityParams = field(default_factory=ConstantVelocityParams)
     report: ReportParams = field(default_factory=_report)
+    level_offset: LevelOffsetParams | None = None
     smoother: SmootherParams | None = None
 
 

@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 from typing import TypeAlias
 
 from app.core.engine.order import OrderKey
+from app.core.fingerprint.level_offset import LevelOffset
 from app.core.fingerprint.query import Advertisement
 from app.core.fusion.blending import BlendedMotion
 from app.core.fusion.particles import Particles
@@ -103,6 +104,8 @@ class SessionState:
         When the session's first observation was made; when anything, and Wi-Fi, was last scanned.
     heard, window
         Recent advertisements for fingerprints, recent levels of anchors for lateration.
+    level_offset
+        What the phone hears more than the survey's phones, None before the first match.
     track
         The filter, None before the first fix.
     memory
@@ -133,6 +136,7 @@ class SessionState:
     wifi_s: float | None = None
     heard: tuple[Advertisement, ...] = ()
     window: Window = field(default_factory=Window)
+    level_offset: LevelOffset | None = None
     track: Track | None = None
     memory: Memory = None
     floor_belief: FloatArray | None = None

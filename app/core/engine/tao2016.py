@@ -32,7 +32,7 @@ from app.core.fingerprint.wknn import (
     signal_space,
 )
 from app.core.fusion.planar import PlanarTrack
-from app.core.params import Params, ReportParams, SmootherParams
+from app.core.params import LevelOffsetParams, Params, ReportParams, SmootherParams
 from app.core.radio.level_smoothing import LevelMemory, LevelSmoothingParams, Measurement, listen
 from app.core.site import SiteModel
 from app.core.types import BleScan, Method, NoFixReason, Used, WifiScan
@@ -61,6 +61,7 @@ class Tao2016Params(Params):
 
     profile: str = "tao2016"
     report: ReportParams = field(default_factory=_report)
+    level_offset: LevelOffsetParams | None = None
     smoother: SmootherParams | None = None
     smoothing: LevelSmoothingParams = field(default_factory=LevelSmoothingParams)
     reference: ReferencePointParams = field(default_factory=ReferencePointParams)

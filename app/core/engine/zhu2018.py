@@ -15,7 +15,7 @@ from app.core.engine.state import SessionState, Stride
 from app.core.fusion.planar import PlanarTrack
 from app.core.fusion.scheduled import ScheduledMemory, ScheduledParams, Vector, begin, update, walk
 from app.core.fusion.sighting import Sighting
-from app.core.params import MatchParams, Params, ReportParams, SmootherParams
+from app.core.params import LevelOffsetParams, MatchParams, Params, ReportParams, SmootherParams
 from app.core.site import SiteModel
 from app.core.types import BleScan, Method, WifiScan
 
@@ -43,6 +43,7 @@ class Zhu2018Params(Params):
 
     profile: str = "zhu2018"
     match: MatchParams = field(default_factory=_published_match)
+    level_offset: LevelOffsetParams | None = None
     report: ReportParams = field(default_factory=_published_report)
     smoother: SmootherParams | None = None
     scheduled: ScheduledParams = field(default_factory=ScheduledParams)

@@ -34,14 +34,15 @@ class Matches:
 
     Attributes
     ----------
-    row, weight, floor_index, x_m, y_m : (k,)
-        Rows of the map, their weights (sum 1) and places.
+    row, distance, weight, floor_index, x_m, y_m : (k,)
+        Rows of the map, their distances D, their weights (sum 1) and places.
     nearest_sorensen
         Sørensen distance of the nearest row, on Wi-Fi (on BLE where no Wi-Fi was heard): how well
         the map knows what is heard, 0 to 1.
     """
 
     row: IntArray
+    distance: FloatArray
     weight: FloatArray
     floor_index: IntArray
     x_m: FloatArray
@@ -114,6 +115,7 @@ def match(query: Query, radio_map: RadioMap, params: MatchParams) -> Matches | N
     weight = np.exp(-(distance[row] - distance[row[0]]) / params.softness)
     return Matches(
         row=row,
+        distance=distance[row],
         weight=weight / weight.sum(),
         floor_index=radio_map.floor_index[row],
         x_m=radio_map.x_m[row],
