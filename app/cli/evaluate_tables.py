@@ -28,7 +28,8 @@ def evaluate_uji_ble(
 ) -> None:
     """Locate scans at known points among known beacons."""
     anchors, scans = _read(lambda: uji_ble_files.read_zone(folder, zone))
-    give(uji_ble.evaluate(anchors, scans, zone), json_file)
+    obstacles = _read(lambda: uji_ble_files.read_obstacles(folder, zone))
+    give(uji_ble.evaluate(anchors, obstacles, scans, zone), json_file)
 
 
 def evaluate_kolakowski(folder: Folder, json_file: JsonOption = None) -> None:
@@ -38,7 +39,8 @@ def evaluate_kolakowski(folder: Folder, json_file: JsonOption = None) -> None:
         _read(partial(kolakowski_files.read_recording, folder / name, anchors))
         for name in (kolakowski_files.CALIBRATION, kolakowski_files.ROBOT)
     )
-    give(kolakowski.evaluate(anchors, surveyed, asked), json_file)
+    walls = _read(lambda: kolakowski_files.read_walls(folder))
+    give(kolakowski.evaluate(anchors, walls, surveyed, asked), json_file)
 
 
 def evaluate_ujiindoorloc(folder: Folder, json_file: JsonOption = None) -> None:

@@ -35,6 +35,12 @@ class LaterationParams:
         of it is the standard deviation of how far outside that box phones are.
     max_sigma_m
         A fix whose standard deviation in its worst direction is larger is no fix.
+    correlation_m
+        Shadowing errs alike over about this way (Gudmundson 1991: some metres indoors), and so do
+        the fixes along it; they rest on several anchors, and forget sooner than each.
+    unseen_speed_mps, still_speed_mps
+        How fast shadowing changes, as if the phone moved so fast: with no sensor that would show
+        its motion, and at rest, where only people around it move.
     """
 
     window_s: float = 2.0
@@ -46,6 +52,9 @@ class LaterationParams:
     min_anchors: int = 3
     search_margin_m: float = 10.0
     max_sigma_m: float = 15.0
+    correlation_m: float = 1.0
+    unseen_speed_mps: float = 1.3
+    still_speed_mps: float = 0.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -240,9 +249,6 @@ class FusionParams:
     sway_m2ps, unseen_m2ps
         Growth of the variance with time when the sensors show no step, and when there is no sensor:
         1 m²/s is a walker who turns at random every other second.
-    lateration_inflation, lateration_floor_m2
-        A lateration fix's covariance as the filter takes it: windows overlap by half (2), shadowing
-        errs alike for a second or two of walking (2).
     """
 
     particles: int = 300
@@ -267,8 +273,6 @@ class FusionParams:
     sensor_gap_s: float = 3.0
     sway_m2ps: float = 0.002
     unseen_m2ps: float = 1.0
-    lateration_inflation: float = 4.0
-    lateration_floor_m2: float = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -357,6 +361,10 @@ class ReportParams:
         cloud of particles, and map and truth have errors of their own that it cannot know. Fitted
         on ms2020's tuning walks: 95 % of the truth within ``radius95_m``, in every decile of the
         radius over 90 %.
+    laterated_s, laterated_scale, laterated_extra_m2
+        The same where anchors have told the place within so many seconds: a fix's covariance says
+        how it errs and for how long alike, and anchors are surveyed better than maps. Chosen on
+        walks through the made-up warehouse; on real ones with beacons it has yet to be seen.
     """
 
     silence_s: float = 10.0
@@ -364,11 +372,14 @@ class ReportParams:
     fused_s: float = 10.0
     covariance_scale: float = 2.0
     extra_variance_m2: float = 7.5
+    laterated_s: float = 5.0
+    laterated_scale: float = 3.0
+    laterated_extra_m2: float = 0.25
 
 
 def _best_lateration() -> LaterationParams:
     """Return what live phones need: their level offset is unknown, shadowing stays where it is."""
-    return LaterationParams(offset_prior_db=5.0, shadowing_correlation=0.9, velocity_prior_mps=1.2)
+    return LaterationParams(offset_prior_db=5.0, shadowing_correlation=1.0, velocity_prior_mps=1.2)
 
 
 @dataclass(frozen=True, slots=True)

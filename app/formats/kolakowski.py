@@ -7,10 +7,12 @@ recording has the time, the robot's true place and one level per receiver, empty
 import csv
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
+from app.core.site import Wall
 from app.core.types import Anchor, FloatArray
 
 FLOOR = "flat"
@@ -52,6 +54,17 @@ def read_anchors(folder: Path) -> tuple[Anchor, ...]:
     except (KeyError, TypeError) as error:
         msg = f"{folder}: not the anchors of this data set ({error!r})"
         raise ValueError(msg) from error
+
+
+def read_walls(folder: Path) -> tuple[Wall, ...]:
+    """Read the faces of the walls; ValueError if the table is not of this format."""
+    path = folder / "layout_walls.csv"
+    try:
+        corners = [(float(row["x"]), float(row["y"])) for row in _rows(path)]
+    except (KeyError, TypeError) as error:
+        msg = f"{path.name}: not walls of this data set ({error!r})"
+        raise ValueError(msg) from error
+    return tuple(Wall(*begin, *end) for begin, end in pairwise(corners))
 
 
 def read_recording(path: Path, anchors: tuple[Anchor, ...]) -> RobotRecording:

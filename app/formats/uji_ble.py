@@ -8,8 +8,10 @@ import csv
 from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
+from app.core.site import Wall
 from app.core.types import Anchor
 
 FLOOR = "floor"
@@ -69,6 +71,29 @@ def read_zone(folder: Path, zone: str) -> tuple[tuple[Anchor, ...], list[PointSc
         msg = f"{folder}: no zone {zone!r} in it"
         raise ValueError(msg)
     return anchors, scans
+
+
+def read_obstacles(folder: Path, zone: str) -> tuple[Wall, ...]:
+    """Read the sides of the shelves and pillars of one zone; none where their table is missing.
+
+    Raises
+    ------
+    ValueError
+        If the table is not of this format.
+    """
+    path = folder / f"obstacles_{zone}.csv"
+    if not path.exists():
+        return ()
+    try:
+        corners = [(row["id"], float(row["x"]), float(row["y"])) for row in _rows(path)]
+    except (KeyError, TypeError) as error:
+        msg = f"{path.name}: not obstacles of the UJI BLE database ({error!r})"
+        raise ValueError(msg) from error
+    return tuple(
+        Wall(x0_m, y0_m, x1_m, y1_m)
+        for (one, x0_m, y0_m), (other, x1_m, y1_m) in pairwise(corners)
+        if one == other
+    )
 
 
 def _rows(path: Path) -> Iterator[dict[str, str]]:

@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from app.api.fix import fix_json
@@ -12,7 +13,7 @@ from app.core.geometry import wrap_angle
 from app.core.georeference import ControlPoint, Georeference, fit_georeference
 from app.core.params import Params
 from app.core.simulate import walk, warehouse
-from app.core.site import SiteModel
+from app.core.site import Floor, SiteModel
 from app.core.types import ImuBlock, Observation, Pedometer, Steps, TrackPoint
 
 # A raster of walkable floor is cut along the plan's axes: it would not turn exactly.
@@ -45,6 +46,25 @@ def on_the_globe(site: SiteModel, georeference: Georeference) -> SiteModel:
     return replace(site, x_axis_from_east_rad=georeference.x_axis_from_east_rad)
 
 
+def without_walls(site: SiteModel) -> SiteModel:
+    return replace(site, floors=tuple(replace(floor, walls=()) for floor in site.floors))
+
+
+def turned_floor(floor: Floor, turn_rad: float) -> Floor:
+    walls = tuple(
+        replace(wall, x0_m=x0, y0_m=y0, x1_m=x1, y1_m=y1)
+        for wall in floor.walls
+        for x0, y0 in [turned(wall.x0_m, wall.y0_m, turn_rad)]
+        for x1, y1 in [turned(wall.x1_m, wall.y1_m, turn_rad)]
+    )
+    right, high = floor.x0_m + floor.width_m, floor.y0_m + floor.height_m
+    corners = [turned(x, y, turn_rad) for x in (floor.x0_m, right) for y in (floor.y0_m, high)]
+    (left, low), (right, high) = np.min(corners, axis=0), np.max(corners, axis=0)
+    return replace(
+        floor, x0_m=left, y0_m=low, width_m=right - left, height_m=high - low, walls=walls
+    )
+
+
 def rotated(site: SiteModel, turn_rad: float) -> SiteModel:
     anchors = []
     for anchor in site.anchors:
@@ -54,7 +74,8 @@ def rotated(site: SiteModel, turn_rad: float) -> SiteModel:
     if radio_map is not None:
         x_m, y_m = turned(radio_map.x_m, radio_map.y_m, turn_rad)
         radio_map = replace(radio_map, x_m=x_m, y_m=y_m)
-    return replace(site, anchors=tuple(anchors), radio_map=radio_map)
+    floors = tuple(turned_floor(floor, turn_rad) for floor in site.floors)
+    return replace(site, anchors=tuple(anchors), radio_map=radio_map, floors=floors)
 
 
 def track(site: SiteModel, observations: Sequence[Observation]) -> list[TrackPoint]:
@@ -88,8 +109,9 @@ def pedometer_beside_a_rotation_vector() -> Sequence[Observation]:
     ("site", "turn_rad"),
     [
         (replace(WORLD.site, anchors=()), 0.7),
-        # Lateration searches a grid along the axes: only a quarter turn leaves it as it is.
-        (replace(WORLD.site, radio_map=None), math.pi / 2.0),
+        # Lateration searches a grid along the axes: only a quarter turn leaves it as it is. Walls
+        # lie exactly on that of their losses, so rounding decides which side of them a cell is.
+        (without_walls(replace(WORLD.site, radio_map=None)), math.pi / 2.0),
     ],
     ids=["radio map", "anchors"],
 )

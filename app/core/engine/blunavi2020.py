@@ -14,14 +14,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from app.core.engine.fixing import (
-    anchor_floors,
-    anchor_levels,
-    anchor_votes,
-    believe,
-    may_scan_wifi,
-    without,
-)
+from app.core.engine.anchoring import anchor_floors, anchor_levels, anchor_votes
+from app.core.engine.fixing import believe, may_scan_wifi, without
 from app.core.engine.state import SessionState, Stride
 from app.core.engine.walking import unseen_drift_m2
 from app.core.fingerprint.cells import CellParams, cell_map

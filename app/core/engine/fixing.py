@@ -1,8 +1,7 @@
-"""Stages of the absolute fix: fingerprints or lateration, the floor vote, the filter's update."""
+"""Stages of the absolute fix: fingerprints, the floor vote, the filter's update."""
 
 import math
 from dataclasses import replace
-from functools import lru_cache
 
 import numpy as np
 
@@ -18,21 +17,14 @@ from app.core.fingerprint.matching import match
 from app.core.fingerprint.query import Query, first_of, fresh_wifi_dbm, mean_ble_dbm, within
 from app.core.fingerprint.radio_map import RadioMap
 from app.core.fusion.particles import Particles, begin, update
-from app.core.fusion.sighting import Noise, Sighting
-from app.core.lateration.windowed import Estimate, estimate
-from app.core.motion.mode import decided, with_velocity
+from app.core.fusion.sighting import Sighting
 from app.core.params import FusionParams, MatchParams, Params
-from app.core.radio.path_loss import LevelModel, level_model
-from app.core.radio.windows import Window, of_anchors
 from app.core.site import SiteModel
 from app.core.types import (
     BleScan,
-    Fix,
     FloatArray,
     IntArray,
     Method,
-    MotionMode,
-    NoFix,
     NoFixReason,
     Used,
     WifiScan,
@@ -89,75 +81,12 @@ def may_scan_wifi(state: SessionState, time_s: float, params: MatchParams) -> bo
     return time_s - began_s <= params.wifi_start_s
 
 
-def laterate(state: SessionState, scan: BleScan, site: SiteModel, params: Params) -> SessionState:
-    """Estimate the place from the window's levels, on the floor that the anchors vote for."""
-    if site.radio_map is not None and not len(state.window):
-        return state
-    if not site.anchors:
-        return without(state, NoFixReason.NO_RADIO_MAP_OR_BEACONS)
-    found, votes, state = solve_window(state, scan, site, params)
-    if isinstance(found, NoFix):
-        return without(state, found.reason)
-    place = np.array([[found.fix.x_m, found.fix.y_m]])
-    noise = _noise(found.fix, params)
-    sighting = Sighting(scan.time_s, place, np.ones(1), noise, votes)
-    return replace(_correct(state, sighting, Method.LATERATION, site, params), used=found.fix.used)
-
-
-def solve_window(
-    state: SessionState, scan: BleScan, site: SiteModel, params: Params
-) -> tuple[Estimate | NoFix, FloatArray, SessionState]:
-    """Return where the window's levels come from, the floor votes of its anchors, and the state.
-
-    The state then knows what the levels tell of motion and floor.
-    """
-    votes = anchor_votes(state, site)
-    if not len(state.window):
-        unknown = NoFixReason.UNKNOWN_TRANSMITTERS if scan.readings else NoFixReason.NOTHING_HEARD
-        return NoFix(scan.time_s, unknown), votes, state
-    belief = believe(state, votes, scan.time_s, params)
-    floor = int(np.argmax(belief))
-    on_floor = np.array([site.floor_index(a.floor_id) == floor for a in site.anchors])
-    model = level_model(site.anchors, params.lateration.phone_height_m)
-    window = of_anchors(state.window, on_floor)
-    state = replace(state, floor_belief=belief)
-    found, state = _by_motion(state, window, model, scan.time_s, params)
-    return found, votes, state
-
-
 def too_few(scan: WifiScan, wanted: int) -> NoFixReason:
     """Return why a scan with fewer fresh readings than wanted is no fix."""
     if not scan.readings:
         return NoFixReason.NOTHING_HEARD
     stale = len(scan.readings) >= wanted
     return NoFixReason.READINGS_TOO_OLD if stale else NoFixReason.TOO_FEW_TRANSMITTERS
-
-
-def _noise(fix: Fix, params: Params) -> Noise:
-    """Return a lateration fix's covariance as the filter takes it.
-
-    Shadowing is fixed to the place, so successive windows err alike: their covariances are widened.
-    """
-    xx, xy, yy = (params.fusion.lateration_inflation * c for c in fix.covariance_m2)
-    floor_m2 = params.fusion.lateration_floor_m2
-    return xx + floor_m2, xy, yy + floor_m2
-
-
-def _by_motion(
-    state: SessionState, window: Window, model: LevelModel, time_s: float, params: Params
-) -> tuple[Estimate | NoFix, SessionState]:
-    """Solve with the model that fits the motion: kinematic for a walker, static at rest.
-
-    Without steps or acceleration the kinematic model's own velocity tells which (its significance).
-    """
-    lateration = params.lateration
-    if state.motion.last_step_s is None and state.motion.acc_s is None:
-        moving = estimate(window, model, time_s, kinematic=True, params=lateration)
-        if isinstance(moving, Estimate) and moving.velocity_chi2 is not None:
-            motion = with_velocity(state.motion, time_s, moving.velocity_chi2)
-            state = replace(state, motion=motion)
-    walking = decided(state.motion, time_s, params.motion_mode).mode is MotionMode.WALKING
-    return estimate(window, model, time_s, kinematic=walking, params=lateration), state
 
 
 def _match(
@@ -207,12 +136,13 @@ def correct_particles(
     sighting = state.evidence.sighting
     if sighting is None:
         return state
-    return _correct(state, sighting, Method.FINGERPRINT, site, params)
+    return correct(state, sighting, Method.FINGERPRINT, site, params)
 
 
-def _correct(
+def correct(
     state: SessionState, sighting: Sighting, method: Method, site: SiteModel, params: Params
 ) -> SessionState:
+    """Update the track by a sighting, or begin it there."""
     floor = ground_of(state.floor_belief, site)
     evidence = replace(state.evidence, sighting=sighting, means=method)
     if isinstance(state.track, Particles):
@@ -261,24 +191,6 @@ def trusted(votes: FloatArray, params: Params) -> FloatArray:
     """Return the likelihood of each floor that a vote amounts to."""
     likelihood = (votes / votes.sum() + params.floor.vote_floor) ** params.floor.trust
     return np.asarray(likelihood)
-
-
-def anchor_votes(state: SessionState, site: SiteModel) -> FloatArray:
-    """Return each floor's share of the received power: slabs take 15 to 25 dB."""
-    power = 10.0 ** (state.window.rssi_dbm / 10.0)
-    return sums(anchor_floors(site)[state.window.anchor_index], power, len(site.floors))
-
-
-@lru_cache(maxsize=32)
-def anchor_floors(site: SiteModel) -> IntArray:
-    """Return the floor index of each anchor; computed once per site model."""
-    return np.array([site.floor_index(a.floor_id) for a in site.anchors], dtype=np.int64)
-
-
-@lru_cache(maxsize=32)
-def anchor_levels(site: SiteModel, phone_height_m: float) -> LevelModel:
-    """Return the level models of the site's anchors; computed once per site model."""
-    return level_model(site.anchors, phone_height_m)
 
 
 def sums(group: IntArray, value: FloatArray, groups: int) -> FloatArray:

@@ -12,8 +12,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from app.core.engine.fixing import solve_window
 from app.core.engine.state import SessionState
+from app.core.engine.windowing import solve_window
 from app.core.fusion.planar import PlanarTrack
 from app.core.params import (
     LaterationParams,

@@ -14,7 +14,6 @@ from app.core.engine.blunavi2020 import (
 )
 from app.core.engine.fixing import (
     correct_particles,
-    laterate,
     match_beacons,
     match_fingerprints,
 )
@@ -24,6 +23,7 @@ from app.core.engine.grinyak2018 import (
     pass_over_wifi,
 )
 from app.core.engine.hearing import hear_beacons, slide_window
+from app.core.engine.laterating import laterate
 from app.core.engine.liu2016 import (
     Liu2016Params,
     blend_scan,

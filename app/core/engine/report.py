@@ -1,6 +1,7 @@
 """The last stage: what the session says at an instant, a track point or the reason for none."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -30,7 +31,7 @@ def report(state: SessionState, time_s: float, site: SiteModel, params: Params) 
     place, covariance = place_of(state.track)
     mode = decided(state.motion, time_s, params.motion_mode).mode
     vx, vy = velocity_mps(state) if mode is MotionMode.WALKING else (0.0, 0.0)
-    xx, xy, yy = calibrated(covariance, params.report)
+    xx, xy, yy = calibrated(covariance, _spread_of(state, time_s, params.report))
     floor = int(np.argmax(state.floor_belief))
     return TrackPoint(
         time_s=time_s,
@@ -47,6 +48,18 @@ def report(state: SessionState, time_s: float, site: SiteModel, params: Params) 
         used=state.used,
         age_s=age_s,
         profile=params.profile,
+    )
+
+
+def _spread_of(state: SessionState, time_s: float, params: ReportParams) -> ReportParams:
+    """Return how wide the filter is: as fitted on radio maps, or as anchors have told lately."""
+    told_s = state.lateration.told_s
+    if told_s is None or time_s - told_s > params.laterated_s:
+        return params
+    return replace(
+        params,
+        covariance_scale=params.laterated_scale,
+        extra_variance_m2=params.laterated_extra_m2,
     )
 
 

@@ -11,6 +11,7 @@ from app.core.fusion.particles import Particles
 from app.core.fusion.planar import PlanarTrack
 from app.core.fusion.scheduled import ScheduledMemory
 from app.core.fusion.sighting import Sighting
+from app.core.lateration.posterior import PhoneOffset
 from app.core.motion.mode import MotionState
 from app.core.motion.steps import StepDetector
 from app.core.radio.level_smoothing import LevelMemory
@@ -43,13 +44,15 @@ class Evidence:
     """What the latest observation brought to the filter, in this order.
 
     ``strides`` whose time had come, ``drift_m2`` of motion that nothing showed, a ``sighting`` and
-    the ``means`` by which it was made.
+    the ``means`` by which it was made;
+    ``left_out`` are the ids of the anchors that it does not rest on, being at fault.
     """
 
     strides: tuple[Stride, ...] = ()
     drift_m2: float = 0.0
     sighting: Sighting | None = None
     means: Method | None = None
+    left_out: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,6 +86,25 @@ class Told:
 
 
 @dataclass(frozen=True, slots=True)
+class LaterationMemory:
+    """What lateration learned in a session.
+
+    Attributes
+    ----------
+    told_s
+        When it last told a place; None before.
+    offset
+        What is known of the phone's level offset; None: what the parameters say.
+    fault_log_odds
+        By anchor that may be at fault, see `app.core.lateration.faults`.
+    """
+
+    told_s: float | None = None
+    offset: PhoneOffset | None = None
+    fault_log_odds: dict[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
 class SessionState:
     """Everything a session remembers; immutable, so any older state is a checkpoint.
 
@@ -102,10 +124,13 @@ class SessionState:
         When the phone last told steps itself: its own detector is believed before ours.
     began_s, scanned_s, wifi_s
         When the session's first observation was made; when anything, and Wi-Fi, was last scanned.
-    heard, window
-        Recent advertisements for fingerprints, recent levels of anchors for lateration.
+    heard, window, walked
+        Recent advertisements for fingerprints, recent levels of anchors for lateration, recent
+        strides.
     level_offset
         What the phone hears more than the survey's phones, None before the first match.
+    lateration
+        What the levels of anchors have told of phone and anchors.
     track
         The filter, None before the first fix.
     memory
@@ -137,6 +162,8 @@ class SessionState:
     heard: tuple[Advertisement, ...] = ()
     window: Window = field(default_factory=Window)
     level_offset: LevelOffset | None = None
+    walked: tuple[Stride, ...] = ()
+    lateration: LaterationMemory = field(default_factory=LaterationMemory)
     track: Track | None = None
     memory: Memory = None
     floor_belief: FloatArray | None = None

@@ -23,6 +23,9 @@ from app.core.types import (
 StrideRule: TypeAlias = Callable[[SessionState, Stride, SiteModel, Any], SessionState]
 """What one stride does to a profile's track: state, stride, site and its parameters."""
 
+WALKED_S = 5.0
+"""Strides are remembered so long: any window of levels is shorter."""
+
 
 def sense_motion(
     state: SessionState, block: ImuBlock, site: SiteModel, params: Params
@@ -130,9 +133,14 @@ def take_strides(
         motion=motion,
         stride=taken[-1],
         pending=state.pending[due:],
+        walked=_lately(state.walked + taken, until_s),
         evidence=replace(state.evidence, strides=state.evidence.strides + taken),
         used=replace(state.used, steps=state.used.steps + due),
     )
+
+
+def _lately(walked: tuple[Stride, ...], time_s: float) -> tuple[Stride, ...]:
+    return tuple(stride for stride in walked if stride.time_s > time_s - WALKED_S)
 
 
 def diffuse_unseen(

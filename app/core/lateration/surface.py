@@ -14,6 +14,7 @@ sooner.
 """
 
 import math
+from collections.abc import Callable
 from typing import TypeAlias
 
 import numpy as np
@@ -63,6 +64,12 @@ def box_around(places: FloatArray, margin_m: float) -> FloatArray:
     return np.array([c * a - s * b, s * a + c * b, c, s, half_a, half_b, margin_m])
 
 
+def corners_around(places: FloatArray) -> FloatArray:
+    """Return the corners (4, 2) of the upright rectangle around places (n, 2)."""
+    (left, low), (right, high) = places.min(axis=0), places.max(axis=0)
+    return np.array([(left, low), (right, low), (right, high), (left, high)])
+
+
 def inside(box: FloatArray, state: FloatArray) -> bool:
     """Return whether a place lies in the search box."""
     along, across = in_box(box, state[0], state[1])
@@ -92,7 +99,7 @@ def costs_at(surface: Surface, x_m: FloatArray, y_m: FloatArray) -> FloatArray:
     costs = np.empty(len(x_m))
     for m in range(len(x_m)):
         _fill_residuals(means, table, x_m[m], y_m[m], residual)
-        cost = _outside_cost(box, x_m[m], y_m[m])
+        cost = outside_cost(box, x_m[m], y_m[m])
         offset = 0.0
         if offset_information < np.inf:
             weighted, total = 0.0, offset_information
@@ -121,7 +128,7 @@ def _fill_residuals(
 
 
 @register_jitable
-def _outside_cost(box: FloatArray, x_m: float, y_m: float) -> float:
+def outside_cost(box: FloatArray, x_m: float, y_m: float) -> float:
     """Return the place prior's cost."""
     along, across = in_box(box, x_m, y_m)
     far = max(abs(along) - box[4] + box[6], 0.0)
@@ -211,18 +218,27 @@ def is_gaussian(
 def posterior_moments(surface: Surface) -> tuple[FloatArray, FloatArray]:
     """Return mean (2,) and covariance (2, 2) of the static posterior ``exp(-C / 2)`` within a box.
 
-    The grid is laid twice: over the whole box, then over the part that the posterior occupies. The
-    place prior is that of `costs_at`; a cell's own extent is part of the covariance.
+    The place prior is that of `costs_at`.
     """
-    costs = costs_at(surface, *places_in(surface[2], FINE))
-    support = _support_of(costs.reshape(FINE, FINE), surface[2])
-    places = np.stack(places_in(support, FINE))
-    costs = costs_at(surface, places[0], places[1])
+    return spread_over(surface[2], lambda x_m, y_m: costs_at(surface, x_m, y_m), FINE)
+
+
+def spread_over(
+    box: FloatArray, costs_of: Callable[[FloatArray, FloatArray], FloatArray], cells: int
+) -> tuple[FloatArray, FloatArray]:
+    """Return mean (2,) and covariance (2, 2) of ``exp(-C / 2)`` within a box, C of places (n,).
+
+    The grid is laid twice: over the whole box, then over the part that the posterior occupies. A
+    cell's own extent is part of the covariance.
+    """
+    support = _support_of(costs_of(*places_in(box, cells)).reshape(cells, cells), box)
+    places = np.stack(places_in(support, cells))
+    costs = costs_of(places[0], places[1])
     weights = np.exp(-0.5 * (costs - costs.min()))
     weights /= weights.sum()
     mean = places @ weights
     apart = places - mean[:, None]
-    cell2 = max(support[4], support[5]) ** 2 / (3.0 * FINE * FINE)
+    cell2 = max(support[4], support[5]) ** 2 / (3.0 * cells * cells)
     return mean, (apart * weights) @ apart.T + cell2 * np.eye(2)
 
 

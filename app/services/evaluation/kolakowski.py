@@ -7,43 +7,53 @@ import numpy as np
 
 from app.core.engine import PROFILES, advance, finish, smoothed, start
 from app.core.fingerprint.radio_map import Fingerprint, RadioMap, build_radio_map
-from app.core.lateration.windowed import Estimate, estimate
 from app.core.params import MatchParams
-from app.core.radio.calibration import CalibrationParams
-from app.core.radio.path_loss import X, Y, level_model
 from app.core.radio.windows import window_of
-from app.core.site import Floor, SiteModel
+from app.core.site import Floor, SiteModel, Wall
 from app.core.types import Anchor, BleScan, Reading, TrackPoint
 from app.formats.kolakowski import FLOOR, RobotRecording
-from app.services.evaluation.beacons import LATERATION, Place, fitted, matched
+from app.services.evaluation.beacons import (
+    LATERATION,
+    Place,
+    Surroundings,
+    laterated,
+    matched,
+    surveyed,
+)
 from app.services.evaluation.figures import Evaluation, Figures, error_figures
 
 PROTOCOL = (
-    "receivers calibrated and map surveyed on the calibration drive; asked at every row of the "
-    "test drive, causal, with the levels of the last 2 s; engine: the profiles best, grinyak2018 "
-    "and blunavi2020, fed with the same rows as scans, and their stored tracks; roles reversed, "
-    "the robot transmits"
+    "receivers, and what a face of the plan's walls takes, calibrated and map surveyed on the "
+    "calibration drive; asked at every row of the test drive, causal, with the levels of the last "
+    "2 s; engine: the profiles best, grinyak2018 and blunavi2020 (the latter two without walls), "
+    "fed with the same rows as scans, and their stored tracks; methods were compared on quarters "
+    "of the calibration drive, each asked with what the other three calibrate; roles reversed, the "
+    "robot transmits"
 )
 WINDOW_S = 2.0
 TRANSMITTER_HEIGHT_M = 1.3
 
 
 def evaluate(
-    anchors: Sequence[Anchor], surveyed: RobotRecording, asked: RobotRecording
+    anchors: Sequence[Anchor],
+    walls: Sequence[Wall],
+    calibration: RobotRecording,
+    asked: RobotRecording,
 ) -> Evaluation:
     """Return the figures of every method."""
-    row, heard = np.nonzero(~np.isnan(surveyed.rssi_dbm))
+    row, heard = np.nonzero(~np.isnan(calibration.rssi_dbm))
     levels = np.column_stack(
-        [heard, surveyed.x_m[row], surveyed.y_m[row], surveyed.rssi_dbm[row, heard]]
+        [heard, calibration.x_m[row], calibration.y_m[row], calibration.rssi_dbm[row, heard]]
     )
-    params = CalibrationParams(phone_height_m=TRANSMITTER_HEIGHT_M)
-    known = fitted(anchors, levels, params)
-    radio_map = _radio_map(anchors, surveyed)
-    laterating, mapped = _site(asked, known, None), _site(asked, anchors, radio_map)
+    with_walls = surveyed(anchors, levels, walls, TRANSMITTER_HEIGHT_M)
+    open_plan = surveyed(anchors, levels, (), TRANSMITTER_HEIGHT_M)
+    radio_map = _radio_map(anchors, calibration)
+    laterating, mapped = _site(open_plan, None), _site(with_walls, radio_map)
     profiles = {
-        "lateration": _figures(asked, _lateration(asked, known)),
+        "lateration": _figures(asked, _lateration(asked, with_walls)),
         "fingerprint": _figures(asked, _fingerprint(asked, anchors, radio_map)),
-        "best_path_loss": _engine_figures(asked, laterating, "best"),
+        "best_path_loss": _engine_figures(asked, _site(with_walls, None), "best"),
+        "best_path_loss_without_walls": _engine_figures(asked, laterating, "best"),
         "best_radio_map": _engine_figures(asked, mapped, "best"),
         "grinyak2018": _engine_figures(asked, laterating, "grinyak2018"),
         "blunavi2020_ranges": _engine_figures(asked, laterating, "blunavi2020"),
@@ -71,18 +81,13 @@ def _recent(recording: RobotRecording, row: int) -> slice:
     return slice(int(np.searchsorted(recording.time_s, from_s, side="right")), row + 1)
 
 
-def _lateration(asked: RobotRecording, known: Sequence[Anchor]) -> Callable[[int], Place | None]:
-    model = level_model(known, TRANSMITTER_HEIGHT_M)
-    area_m = model.table[:, X : Y + 1]
-
+def _lateration(asked: RobotRecording, among: Surroundings) -> Callable[[int], Place | None]:
     def locate(row: int) -> Place | None:
         recent = _recent(asked, row)
         levels = asked.rssi_dbm[recent]
         line, heard = np.nonzero(~np.isnan(levels))
         window = window_of(heard, asked.time_s[recent][line], levels[line, heard])
-        time_s = float(asked.time_s[row])
-        found = estimate(window, model, time_s, kinematic=False, params=LATERATION, area_m=area_m)
-        return (found.fix.x_m, found.fix.y_m) if isinstance(found, Estimate) else None
+        return laterated(window, among, LATERATION)
 
     return locate
 
@@ -123,15 +128,20 @@ def _fingerprint(
     return locate
 
 
-def _site(
-    asked: RobotRecording, anchors: Sequence[Anchor], radio_map: RadioMap | None
-) -> SiteModel:
+def _plan_m(among: Surroundings) -> tuple[float, float, float, float]:
+    """Return the rectangle around anchors and walls: left, low, right, high."""
+    ends = [(w.x0_m, w.y0_m) for w in among.walls] + [(a.x_m, a.y_m) for a in among.anchors]
+    (left_m, low_m), (right_m, high_m) = np.min(ends, axis=0), np.max(ends, axis=0)
+    return float(left_m), float(low_m), float(right_m), float(high_m)
+
+
+def _site(among: Surroundings, radio_map: RadioMap | None) -> SiteModel:
     """Return the flat, with either a radio map or anchors."""
-    width_m, height_m = float(asked.x_m.max()), float(asked.y_m.max())
-    floor = Floor(FLOOR, FLOOR, FLOOR, 0, 0.0, 0.0, width_m, height_m)
-    return SiteModel(
-        "flat", 1, (floor,), () if radio_map is not None else tuple(anchors), radio_map
+    left_m, low_m, right_m, high_m = _plan_m(among)
+    floor = Floor(
+        FLOOR, FLOOR, FLOOR, 0, left_m, low_m, right_m - left_m, high_m - low_m, walls=among.walls
     )
+    return SiteModel("flat", 1, (floor,), () if radio_map is not None else among.anchors, radio_map)
 
 
 def _engine_figures(asked: RobotRecording, site: SiteModel, profile: str) -> Figures:

@@ -30,12 +30,13 @@ surveyed walks.""",
     "uji-ble": """Single scans, and all scans of a point together, among beacons at known places,
 one phone, held still: no motion, no filter. The beacons are calibrated in the same room with the
 same phone; a phone that was never calibrated is `lateration_10_db_off`. Scans that hear fewer than
-three beacons are not asked; how many those are is in the table. How much lateration and centroid
-trust outliers, the search box and far beacons was chosen with these scans at hand.""",
+three beacons are not asked; how many those are is in the table. How many beacons the weighted
+centroid takes, and how it weighs them, was chosen with these scans at hand.""",
     "kolakowski": """A slow robot in a flat of 9 by 7 m with six receivers and walls on all sides;
 roles are reversed, the robot transmits. `lateration` and `fingerprint` see two seconds;
 `best_path_loss`, `best_radio_map` and the profile `grinyak2018` (path loss, too) are the engine
-without any inertial sensor, and `smoothed` its stored track; `grinyak2018` has no smoother.""",
+without any inertial sensor, and `smoothed` its stored track; `grinyak2018` has no smoother.
+`lateration` and `best_path_loss` know the plan's walls, `best_path_loss_without_walls` not.""",
     "ujiindoorloc": """Single Wi-Fi scans by many phones in three buildings, months after the
 survey: matching alone, no motion, no filter. The matcher runs with the parameters of the profile
 `best`; nothing was fitted here. `median_query_ms` is CPU time on the machine that made this

@@ -9,19 +9,22 @@ import numpy as np
 
 from app.core.fingerprint.radio_map import Fingerprint, build_radio_map
 from app.core.lateration.centroid import CentroidParams, weighted_centroid
-from app.core.lateration.windowed import Estimate, estimate
 from app.core.params import LaterationParams, MatchParams
-from app.core.radio.calibration import CalibrationParams
-from app.core.radio.path_loss import LevelModel, level_model
+from app.core.radio.local_mean import local_means_dbm
+from app.core.radio.path_loss import LevelModel
 from app.core.radio.windows import window_of
+from app.core.site import Wall
 from app.core.types import Anchor, Fix, FloatArray
 from app.formats.uji_ble import FLOOR, PointScan
 from app.services.evaluation.beacons import (
     LATERATION,
+    MIN_ANCHORS,
     UNKNOWN_PHONE,
     Place,
-    fitted,
+    Surroundings,
+    laterated,
     matched,
+    surveyed,
 )
 from app.services.evaluation.figures import Evaluation, Figures, error_figures
 
@@ -29,26 +32,30 @@ PROTOCOL = (
     "per phone and transmit power: anchors calibrated on the scans at half of the points, asked at "
     "the other half (geo: odd and even min(k, 69 - k), since points k and 69 - k share their "
     "place; elsewhere odd and even points); only scans with at least 3 beacons are asked; one "
-    "scan, and all scans of a point together; errors pooled over phones and powers; "
+    "scan, and all scans of a point together; errors pooled over phones and powers; methods and "
+    "parameters of lateration were compared within the first half only, every fourth of its places "
+    "asked with what the others calibrate; lateration knows the plan's shelves and pillars, and "
+    "what a side of them takes is fitted in the first half; lateration_without_plan does not; "
     "lateration_10_db_off: 10 dB added to and taken off all levels, of which lateration is not told"
 )
-MIN_BEACONS = 3
 UNKNOWN_OFFSETS_DB = (-10.0, 10.0)
 
 Locate: TypeAlias = Callable[[Sequence[PointScan], float], Place | None]
 """Where a phone is that made these scans, with this much added to its levels (dB)."""
 
 
-def evaluate(anchors: Sequence[Anchor], scans: Sequence[PointScan], zone: str) -> Evaluation:
+def evaluate(
+    anchors: Sequence[Anchor], obstacles: Sequence[Wall], scans: Sequence[PointScan], zone: str
+) -> Evaluation:
     """Return the figures of every method."""
     errors: dict[str, dict[str, list[float]]] = defaultdict(lambda: defaultdict(list))
     for trained, asked in _splits(scans, zone):
-        for name, (locate, offsets_db) in _methods(anchors, trained).items():
+        for name, (locate, offsets_db) in _methods(anchors, trained, obstacles).items():
             for offset_db in offsets_db:
                 one = ([scan] for scan in asked)
                 errors[name]["one"] += _errors_m(locate, one, offset_db)
                 errors[name]["mean"] += _errors_m(locate, _by_point(asked), offset_db)
-    few = sum(_beacons(scan) < MIN_BEACONS for _, asked in _splits(scans, zone) for scan in asked)
+    few = sum(_beacons(scan) < MIN_ANCHORS for _, asked in _splits(scans, zone) for scan in asked)
     total = sum(len(asked) for _, asked in _splits(scans, zone))
     return Evaluation(
         dataset=f"uji-ble {zone}",
@@ -102,7 +109,7 @@ def _errors_m(
     errors_m: list[float] = []
     for scans in groups:
         heard = len({level.anchor_id for scan in scans for level in scan.levels})
-        place = locate(scans, offset_db) if heard >= MIN_BEACONS else None
+        place = locate(scans, offset_db) if heard >= MIN_ANCHORS else None
         if place is not None:
             truth = scans[0]
             errors_m.append(float(np.hypot(place[0] - truth.x_m, place[1] - truth.y_m)))
@@ -110,40 +117,31 @@ def _errors_m(
 
 
 def _methods(
-    anchors: Sequence[Anchor], trained: Sequence[PointScan]
+    anchors: Sequence[Anchor], trained: Sequence[PointScan], obstacles: Sequence[Wall]
 ) -> dict[str, tuple[Locate, tuple[float, ...]]]:
     index = {anchor.anchor_id: i for i, anchor in enumerate(anchors)}
     heard = [
-        (index[level.anchor_id], scan.x_m, scan.y_m, level.rssi_dbm)
-        for scan in trained
-        for level in scan.levels
+        (index[anchor_id], scans[0].x_m, scans[0].y_m, level_dbm)
+        for scans in _by_point(trained)
+        for anchor_id, level_dbm in _local_means(scans).items()
     ]
-    model = level_model(fitted(anchors, np.array(heard), CalibrationParams()))
+    open_plan, with_plan = (
+        surveyed(anchors, np.array(heard)),
+        surveyed(anchors, np.array(heard), obstacles),
+    )
     as_calibrated = (0.0,)
     return {
-        "lateration": (_lateration(index, model, LATERATION), as_calibrated),
-        "lateration_10_db_off": (
-            _lateration(index, model, UNKNOWN_PHONE),
-            UNKNOWN_OFFSETS_DB,
-        ),
-        "weighted_centroid": (_centroid(index, model), as_calibrated),
+        "lateration": (_lateration(index, with_plan, LATERATION), as_calibrated),
+        "lateration_10_db_off": (_lateration(index, with_plan, UNKNOWN_PHONE), UNKNOWN_OFFSETS_DB),
+        "lateration_without_plan": (_lateration(index, open_plan, LATERATION), as_calibrated),
+        "weighted_centroid": (_centroid(index, open_plan.model), as_calibrated),
         "fingerprint": (_fingerprint(trained), as_calibrated),
     }
 
 
-def _lateration(index: dict[str, int], model: LevelModel, params: LaterationParams) -> Locate:
-    area_m: FloatArray = model.table[:, :2]
-
+def _lateration(index: dict[str, int], among: Surroundings, params: LaterationParams) -> Locate:
     def locate(scans: Sequence[PointScan], offset_db: float) -> Place | None:
-        found = estimate(
-            window_of(*_readings(scans, index, offset_db)),
-            model,
-            scans[0].levels[0].time_s if scans[0].levels else 0.0,
-            kinematic=False,
-            params=params,
-            area_m=area_m,
-        )
-        return (found.fix.x_m, found.fix.y_m) if isinstance(found, Estimate) else None
+        return laterated(window_of(*_readings(scans, index, offset_db)), among, params)
 
     return locate
 
@@ -180,6 +178,15 @@ def _readings(
         ]
     ).reshape(-1, 3)
     return rows[:, 0].astype(np.int64), rows[:, 1], rows[:, 2]
+
+
+def _local_means(scans: Sequence[PointScan]) -> dict[str, float]:
+    """Return the local mean of each anchor at a point: shadowing errs alike in all its scans."""
+    levels = [level for scan in scans for level in scan.levels]
+    anchor_ids, group = np.unique([level.anchor_id for level in levels], return_inverse=True)
+    rssi_dbm = np.array([level.rssi_dbm for level in levels])
+    means_dbm = local_means_dbm(group, rssi_dbm, len(anchor_ids))
+    return dict(zip(anchor_ids.tolist(), means_dbm.tolist(), strict=True))
 
 
 def _mean_levels(scans: Iterable[PointScan], offset_db: float) -> dict[str, float]:

@@ -1,0 +1,197 @@
+"""The stage of lateration: what the levels of known anchors tell the filter."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from app.core.engine.anchoring import anchor_floors, anchor_levels, anchor_votes, wall_loss_db
+from app.core.engine.doubting import doubt, fault_of_heard, left_out
+from app.core.engine.fixing import believe, correct, without
+from app.core.engine.place import place_of
+from app.core.engine.state import SessionState
+from app.core.engine.windowing import sense_velocity
+from app.core.fusion.particles import Particles, moments
+from app.core.fusion.sighting import Noise, Sighting
+from app.core.lateration.posterior import (
+    LocalLevels,
+    PhoneOffset,
+    PlacePosterior,
+    PlacePrior,
+    local_levels,
+    offset_at,
+    place_posterior,
+)
+from app.core.lateration.surface import box_around
+from app.core.lateration.windowed import WALKING_SPEED_MPS
+from app.core.motion.mode import decided
+from app.core.params import Params
+from app.core.radio.path_loss import X, Y
+from app.core.radio.windows import of_anchors
+from app.core.site import Floor, SiteModel
+from app.core.types import (
+    BleScan,
+    FloatArray,
+    Method,
+    MotionMode,
+    NoFixReason,
+    Used,
+)
+
+SETTLING_S, ALIKE_AT_FIRST = 10.0, 3.0
+"""A first window has too few readings to average the fading of each, so where a phone begins at
+rest its first seconds tell more than shadowing alone would let them."""
+
+
+def laterate(state: SessionState, scan: BleScan, site: SiteModel, params: Params) -> SessionState:
+    """Estimate the place from the window's levels, on the floor that the anchors vote for."""
+    if site.radio_map is not None and not len(state.window):
+        return state
+    if not site.anchors:
+        return without(state, NoFixReason.NO_RADIO_MAP_OR_BEACONS)
+    if not len(state.window):
+        unknown = NoFixReason.UNKNOWN_TRANSMITTERS if scan.readings else NoFixReason.NOTHING_HEARD
+        return without(state, unknown)
+    votes = anchor_votes(state, site)
+    belief = believe(state, votes, scan.time_s, params)
+    floor = int(np.argmax(belief))
+    window = of_anchors(state.window, anchor_floors(site) == floor)
+    state = replace(state, floor_belief=belief)
+    if window.anchors_heard < params.lateration.min_anchors:
+        return without(state, NoFixReason.TOO_FEW_TRANSMITTERS)
+    model = anchor_levels(site, params.lateration.phone_height_m)
+    state = sense_velocity(state, window, model, scan.time_s, params)
+    levels = local_levels(window, model, params.lateration.shadowing_correlation)
+    levels = replace(levels, moved_m=_moved_since(state, levels.time_s, params))
+    before = state
+    state = _sight(state, levels, (site, floor), scan.time_s, votes, params)
+    if state.lateration.told_s != scan.time_s:
+        return state
+    worth, last_s = 1.0 / _alike(before, scan.time_s, params), before.lateration.told_s
+    elapsed_s = 0.0 if last_s is None else scan.time_s - last_s
+    return doubt(state, (levels, model, worth), elapsed_s, (site, floor), params)
+
+
+def _sight(
+    state: SessionState,
+    levels: LocalLevels,
+    where: tuple[SiteModel, int],
+    time_s: float,
+    votes: FloatArray,
+    params: Params,
+) -> SessionState:
+    site, floor = where
+    model = anchor_levels(site, params.lateration.phone_height_m)
+    memory, fault = state.lateration, fault_of_heard(state, levels, site)
+    offset = memory.offset or PhoneOffset(0.0, params.lateration.offset_prior_db)
+    loss_db = [wall_loss_db(site, int(i)) for i in levels.anchor_index]
+    heard_m = model.table[levels.anchor_index, X : Y + 1]
+    box = box_around(heard_m, params.lateration.search_margin_m)
+    prior = PlacePrior(box, _plan_m(site.floors[floor], heard_m))
+    found = place_posterior(levels, model, loss_db, offset, prior, fault)
+    if not _worst_variance_m2(found.covariance) <= params.lateration.max_sigma_m**2:
+        return without(state, NoFixReason.DEGENERATE_GEOMETRY)
+    alike = _alike(state, time_s, params)
+    noise = _noise(state, found, levels, alike, time_s, params)
+    sighting = Sighting(time_s, found.mean[None, :], np.ones(1), noise, votes)
+    state = correct(state, sighting, Method.LATERATION, site, _worth(params, alike))
+    if state.track is not None:
+        place, _ = place_of(state.track)
+        # An anchor at fault says nothing of the phone.
+        wary = replace(levels, sigma_db=levels.sigma_db * np.sqrt(alike / (1.0 - fault)))
+        offset = offset_at(wary, model, loss_db, offset, place)
+    heard = len(levels.anchor_index)
+    return replace(
+        state,
+        used=Used(beacons=heard),
+        evidence=replace(state.evidence, left_out=left_out(state, heard)),
+        lateration=replace(memory, told_s=time_s, offset=offset),
+    )
+
+
+def _noise(
+    state: SessionState,
+    found: PlacePosterior,
+    levels: LocalLevels,
+    alike: float,
+    time_s: float,
+    params: Params,
+) -> Noise:
+    """Return a fix's covariance as the filter takes it.
+
+    A walker whose strides nobody tells may have gone on since the middle of the window, to any
+    side.
+    """
+    gone_m2 = 0.0
+    walking = decided(state.motion, time_s, params.motion_mode).mode is MotionMode.WALKING
+    if walking and not _is_motion_seen(state, time_s, params):
+        gone_m2 = 0.5 * (WALKING_SPEED_MPS * (time_s - float(levels.time_s.mean()))) ** 2
+    (xx, xy), (_, yy) = found.covariance
+    return alike * float(xx) + gone_m2, alike * float(xy), alike * float(yy) + gone_m2
+
+
+def _worth(params: Params, alike: float) -> Params:
+    """Return the parameters with which the filter takes a fix that tells 1 / alike of another.
+
+    That is in its variance already; so much less does it say of where else the phone may be.
+    """
+    share = params.fusion.birth_share / alike
+    return replace(params, fusion=replace(params.fusion, tempering=1.0, birth_share=share))
+
+
+def _alike(state: SessionState, time_s: float, params: Params) -> float:
+    """Return how many fixes like this one tell as much as an independent one.
+
+    Shadowing is fixed to the place: after the way d its correlation is ``rho = exp(-d / d_0)``
+    (Gudmundson 1991), and errors that are correlated so average like white ones of
+    ``(1 + rho) / (1 - rho)`` times their variance.
+    """
+    told_s = state.lateration.told_s
+    if told_s is None:
+        return 1.0
+    elapsed_s = max(time_s - told_s, 0.0)
+    lateration = params.lateration
+    way_m = lateration.still_speed_mps * elapsed_s
+    if _is_motion_seen(state, time_s, params):
+        way_m += sum(stride.length_m for stride in state.walked if stride.time_s > told_s)
+    else:
+        way_m += lateration.unseen_speed_mps * elapsed_s
+    alike = 1.0 / math.tanh(max(way_m, 1e-3) / (2.0 * lateration.correlation_m))
+    if state.began_s is not None and time_s - state.began_s < SETTLING_S:
+        return min(alike, ALIKE_AT_FIRST)
+    return alike
+
+
+def _is_motion_seen(state: SessionState, time_s: float, params: Params) -> bool:
+    inertial = state.detector.end_s > time_s - params.fusion.sensor_gap_s
+    return inertial or state.phone_steps_s is not None
+
+
+def _moved_since(state: SessionState, time_s: FloatArray, params: Params) -> FloatArray:
+    """Return how far the strides have led since times (n,), (n, 2), as the filter turns them."""
+    moved = np.zeros((len(time_s), 2))
+    if not isinstance(state.track, Particles):
+        return moved
+    bias_rad, scale = moments(state.track)[0][2:]
+    for stride in state.walked:
+        if not math.isnan(stride.heading_rad):
+            direction = stride.heading_rad + float(bias_rad)
+            step = np.array([math.cos(direction), math.sin(direction)])
+            length_m = stride.length_m * float(scale)
+            # A stride is walked evenly over its time.
+            seconds = stride.seconds if stride.seconds > 0.0 else 1.0 / params.step.cadence_hz
+            share = np.clip((stride.time_s - time_s) / seconds, 0.0, 1.0)
+            moved += share[:, None] * length_m * step
+    return moved
+
+
+def _plan_m(floor: Floor, anchors_m: FloatArray) -> FloatArray:
+    """Return left, low, right and high of a plan; anchors that lie outside make it larger."""
+    low = np.minimum([floor.x0_m, floor.y0_m], anchors_m.min(axis=0))
+    plan_high = [floor.x0_m + floor.width_m, floor.y0_m + floor.height_m]
+    high = np.maximum(plan_high, anchors_m.max(axis=0))
+    return np.concatenate((low, high))
+
+
+def _worst_variance_m2(covariance: FloatArray) -> float:
+    return float(np.linalg.eigvalsh(covariance)[1])
