@@ -8,7 +8,7 @@ from app.core.engine.order import order_key
 from app.core.engine.profiles import PROFILES
 from app.core.engine.smoothing import smoothed
 from app.core.fingerprint.radio_map import Fingerprint, build_radio_map
-from app.core.site import Floor, SiteModel
+from app.core.site import Floor, SiteModel, Wall
 from app.core.types import Anchor, BleScan, ImuBlock, Observation, Reading, Steps, WifiScan
 
 _CORNERS = ((0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (0.0, 10.0))
@@ -27,8 +27,8 @@ def warm_up() -> None:
 
 
 def _small_site() -> SiteModel:
-    """Return a hall with an anchor in each corner and three fingerprints."""
-    floor = Floor("f", "Hall", "", 0, 0.0, 0.0, 10.0, 10.0)
+    """Return a hall with an anchor in each corner, a wall and three fingerprints."""
+    floor = Floor("f", "Hall", "", 0, 0.0, 0.0, 10.0, 10.0, walls=(Wall(5.0, 0.0, 5.0, 4.0),))
     anchors = tuple(Anchor(f"a{i}", (f"b{i}",), "f", x, y) for i, (x, y) in enumerate(_CORNERS))
     wifi_dbm = {f"w{i}": -60.0 - i for i in range(5)}
     rows = [Fingerprint(0, x, 5.0, wifi_dbm, {"b0": -70.0}) for x in (2.0, 5.0, 8.0)]
