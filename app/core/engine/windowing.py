@@ -15,6 +15,10 @@ from app.core.radio.windows import Window, of_anchors
 from app.core.site import SiteModel
 from app.core.types import BleScan, FloatArray, MotionMode, NoFix, NoFixReason
 
+MOST_CORRELATED = 0.9
+"""A velocity is told by how levels change within the window. Were their errors taken for wholly
+alike there, no change would mean anything."""
+
 
 def solve_window(
     state: SessionState, scan: BleScan, site: SiteModel, params: Params
@@ -43,7 +47,10 @@ def sense_velocity(
     """Let the significance of the kinematic model's velocity tell of motion, if no sensor does."""
     if state.motion.last_step_s is not None or state.motion.acc_s is not None:
         return state
-    moving = estimate(window, model, time_s, kinematic=True, params=params.lateration)
+    lateration = params.lateration
+    correlation = min(lateration.shadowing_correlation, MOST_CORRELATED)
+    lateration = replace(lateration, shadowing_correlation=correlation)
+    moving = estimate(window, model, time_s, kinematic=True, params=lateration)
     if not isinstance(moving, Estimate) or moving.velocity_chi2 is None:
         return state
     return replace(state, motion=with_velocity(state.motion, time_s, moving.velocity_chi2))
