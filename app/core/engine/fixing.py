@@ -158,9 +158,8 @@ def _match_variance_m2(query: Query, nearest_sorensen: float, params: FusionPara
 
     The less the nearest fingerprint resembles what is heard, the farther the phone is from it.
     """
-    if not query.wifi_dbm:
-        return params.noise_beacons_m2
-    return params.noise_m2 * (1.0 + params.noise_sorensen * nearest_sorensen**2)
+    scale = params.noise_sorensen if query.wifi_dbm else params.noise_beacons_sorensen
+    return params.noise_m2 * (1.0 + scale * nearest_sorensen**2)
 
 
 def believe(state: SessionState, votes: FloatArray, time_s: float, params: Params) -> FloatArray:

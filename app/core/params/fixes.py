@@ -132,6 +132,6 @@ class LevelOffsetParams:
     prior_db: float = 6.0
     noise_db: float = 5.0
     walk_db2: float = 0.5
-    tried_db: tuple[float, ...] = (-12.0, -6.0, 0.0, 6.0, 12.0)
+    tried_db: tuple[float, ...] = (-8.0, 0.0, 8.0)
     least_dbm: float = -85.0
     min_transmitters: int = 4

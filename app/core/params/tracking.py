@@ -25,8 +25,8 @@ class FusionParams:
     noise_m2, noise_sorensen
         Variance of candidates about the truth: noise (1 + noise_sorensen D1²), D1 the Sørensen
         distance of the nearest fingerprint (0.1 to 0.3 on a good map).
-    noise_beacons_m2
-        The same where only advertisements were matched: a few beacons tell a neighbourhood.
+    noise_beacons_sorensen
+        The same where only advertisements were matched: few beacons resemble many places.
     clutter
         Likelihood per m² of candidates that have nothing to do with the place.
     tempering
@@ -54,7 +54,7 @@ class FusionParams:
     heading_noise_rad: float = 0.3
     noise_m2: float = 5.0
     noise_sorensen: float = 20.0
-    noise_beacons_m2: float = 60.0
+    noise_beacons_sorensen: float = 60.0
     clutter: float = 3e-4
     tempering: float = 0.45
     off_floor_weight: float = 0.05
@@ -164,8 +164,8 @@ class ReportParams:
     silence_s: float = 10.0
     max_age_s: float = 60.0
     fused_s: float = 10.0
-    covariance_scale: float = 2.0
-    extra_variance_m2: float = 7.5
+    covariance_scale: float = 2.8
+    extra_variance_m2: float = 0.5
     laterated_s: float = 5.0
     laterated_scale: float = 3.0
     laterated_extra_m2: float = 0.25
