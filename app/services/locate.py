@@ -1,16 +1,19 @@
 """The one-shot question: a fresh fold over what was heard, nothing kept."""
 
 import asyncio
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from app.core import engine
-from app.core.engine import SessionState, order_key, places_of
+from app.core.engine import SessionState, order_key
 from app.core.params import Params
 from app.core.site import SiteModel
-from app.core.types import Observation, Output
+from app.core.types import FloatArray, IntArray, Observation, Output
+
+ALIKE_M = 5.0
+"""Candidates nearer to each other are one place: about what a single scan can tell apart."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,14 +50,28 @@ def _fold(site: SiteModel, params: Params, ordered: Sequence[Observation]) -> Lo
 
 
 def _alternatives(state: SessionState, site: SiteModel) -> tuple[Alternative, ...]:
-    """Return the places that the track holds possible, on the most probable floor."""
-    if state.track is None or state.floor_belief is None:
+    """Return the places that the newest scan speaks for, the likeliest first."""
+    sighting = None if state.told is None else state.told.evidence.sighting
+    if sighting is None or state.floor_belief is None:
         return ()
-    floor = int(np.argmax(state.floor_belief))
-    share = float(state.floor_belief[floor])
-    return tuple(
-        Alternative(
-            site.floors[floor].floor_id, float(place[0]), float(place[1]), float(weight) * share
-        )
-        for place, weight in zip(*places_of(state.track), strict=True)
-    )
+    floors = sighting.floor_index
+    if floors is None:
+        floors = np.full(len(sighting.weight), np.argmax(state.floor_belief))
+    found = []
+    for alike in _groups(sighting.places, sighting.weight, floors):
+        weight = sighting.weight[alike]
+        x_m, y_m = weight @ sighting.places[alike] / weight.sum()
+        floor_id = site.floors[floors[alike[0]]].floor_id
+        found.append(Alternative(floor_id, float(x_m), float(y_m), float(weight.sum())))
+    return tuple(sorted(found, key=lambda one: -one.weight))
+
+
+def _groups(places: FloatArray, weight: FloatArray, floors: IntArray) -> Iterator[IntArray]:
+    """Yield candidates that mean one place: the heaviest left, and what lies near it."""
+    left = list(np.argsort(-weight, kind="stable"))
+    while left:
+        head = left[0]
+        apart_m = np.linalg.norm(places[left] - places[head], axis=1)
+        near = (apart_m <= ALIKE_M) & (floors[left] == floors[head])
+        yield np.array(left)[near]
+        left = [one for one, is_near in zip(left, near, strict=True) if not is_near]

@@ -48,8 +48,8 @@ async def end_sessions(server: ApiServer) -> None:
 @pytest.fixture
 def other(monkeypatch: pytest.MonkeyPatch) -> str:
     best = PROFILES["best"]
-    fusion = replace(best.params.fusion, lateration_inflation=60.0)
-    params = replace(best.params, profile="other", fusion=fusion)
+    lateration = replace(best.params.lateration, correlation_m=20.0)
+    params = replace(best.params, profile="other", lateration=lateration)
     monkeypatch.setitem(PROFILES, "other", replace(best, params=params))
     return "other"
 

@@ -4,7 +4,6 @@ from app.core.engine.explaining import explained
 from app.core.engine.explanation import Explanation
 from app.core.engine.order import OrderKey, event_time_s, order_key
 from app.core.engine.pipeline import advance, finish
-from app.core.engine.place import places_of
 from app.core.engine.profiles import PROFILES, Profile
 from app.core.engine.smoothing import smoothed
 from app.core.engine.state import SessionState, start
@@ -21,7 +20,6 @@ __all__ = [
     "explained",
     "finish",
     "order_key",
-    "places_of",
     "smoothed",
     "start",
     "warm_up",

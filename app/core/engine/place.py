@@ -2,10 +2,8 @@
 
 import math
 
-import numpy as np
-
 from app.core.engine.state import SessionState, Stride, Track
-from app.core.fusion.particles import Particles, moments, weights
+from app.core.fusion.particles import Particles, moments
 from app.core.types import FloatArray
 
 
@@ -15,13 +13,6 @@ def place_of(track: Track) -> tuple[FloatArray, FloatArray]:
         mean, covariance = moments(track)
         return mean[:2], covariance[:2, :2]
     return track.mean[:2], track.covariance[:2, :2]
-
-
-def places_of(track: Track) -> tuple[FloatArray, FloatArray]:
-    """Return every place that the track holds possible (k, 2), and their weights (k,)."""
-    if isinstance(track, Particles):
-        return track.state[:, :2], weights(track)
-    return track.mean[None, :2], np.ones(1)
 
 
 def velocity_mps(state: SessionState) -> tuple[float, float]:

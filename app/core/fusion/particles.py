@@ -201,26 +201,32 @@ def _off_m(floor: Ground, x_m: float, y_m: float, far_m: float) -> float:
 
 @register_jitable
 def _draw(
-    one: FloatArray, share: float, cloud: Cloud, priors: tuple[float, float], at: int
+    one: FloatArray,
+    share: float,
+    drawn: tuple[Cloud, tuple[float, float]],
+    at: int,
+    side: float,
 ) -> None:
-    """Draw a particle about the candidate at a share of their weight."""
-    places, summed, factor = cloud
+    """Draw a particle about the candidate at a share of their weight; ``side`` -1: its mirror."""
+    (places, summed, factor), priors = drawn
     which = min(np.searchsorted(summed, share * summed[-1]), len(summed) - 1)
-    first, second = normal(at), normal(at + 1)
+    first, second = side * normal(at), side * normal(at + 1)
     one[X] = places[which, 0] + factor[0, 0] * first + factor[0, 1] * second
     one[Y] = places[which, 1] + factor[1, 0] * first + factor[1, 1] * second
-    one[BIAS] = priors[0] * normal(at + 2)
-    one[SCALE] = 1.0 + priors[1] * normal(at + 3)
+    one[BIAS] = side * priors[0] * normal(at + 2)
+    one[SCALE] = 1.0 + side * priors[1] * normal(at + 3)
 
 
 @njit(cache=True)
 def _draw_all(
     state: FloatArray, cloud: Cloud, priors: tuple[float, float], at: int
 ) -> None:  # pragma: no cover - compiled
-    count = len(state)
-    for k in range(count):
-        here = at + DRAWS * (k + 1)
-        _draw(state[k], (k + uniform(here)) / count, cloud, priors, here + 1)
+    # In mirrored pairs (antithetic draws): a first fix lies where its scan says, not beside it.
+    pairs = (len(state) + 1) // 2
+    for k in range(len(state)):
+        here = at + DRAWS * (k // 2 + 1)
+        share = (k // 2 + uniform(here)) / pairs
+        _draw(state[k], share, (cloud, priors), here + 1, 1.0 - 2.0 * (k % 2))
 
 
 @njit(cache=True)
@@ -332,10 +338,9 @@ def _bear(
 ) -> None:  # pragma: no cover - compiled
     """Replace particles here and there by new ones of mean weight."""
     state, log_weight = particles
-    cloud, priors = drawn
     mean = math.log(np.exp(log_weight).mean())
     for b in range(born):
         here = at + DRAWS * (b + 1)
         k = int(uniform(here) * len(state))
-        _draw(state[k], uniform(here + 1), cloud, priors, here + 2)
+        _draw(state[k], uniform(here + 1), drawn, here + 2, 1.0)
         log_weight[k] = mean
