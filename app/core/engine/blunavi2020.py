@@ -10,13 +10,13 @@ Source: Nguyen Ngoc Khuong, "BluNavi: an indoor positioning and navigation syste
 University Journal of Science 44, 2021.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from app.core.engine.anchoring import anchor_floors, anchor_levels, anchor_votes
 from app.core.engine.fixing import believe, may_scan_wifi, without
-from app.core.engine.state import SessionState, Stride
+from app.core.engine.state import SessionState, Stride, changed
 from app.core.engine.walking import unseen_drift_m2
 from app.core.fingerprint.cells import CellParams, cell_map
 from app.core.fingerprint.query import Query, first_of, fresh_wifi_dbm, mean_ble_dbm, within
@@ -87,7 +87,7 @@ def walk_planar(
     if not isinstance(state.track, PlanarTrack):
         return state
     track = carried(state.track, stride.length_m, stride.heading_rad, params.ekf)
-    return replace(state, track=track)
+    return changed(state, track=track)
 
 
 def widen_unseen(
@@ -99,7 +99,7 @@ def widen_unseen(
         return state
     drift_m2 = unseen_drift_m2(state, scan.time_s, params)
     covariance = state.track.covariance + drift_m2 * np.eye(2)
-    return replace(state, track=PlanarTrack(state.track.mean, covariance))
+    return changed(state, track=PlanarTrack(state.track.mean, covariance))
 
 
 def correct_by_ranges(
@@ -118,7 +118,7 @@ def correct_by_ranges(
         return without(state, NoFixReason.TOO_FEW_TRANSMITTERS)
     ranges = _ranges(sights, _levels(site, params), params)
     track = state.track if isinstance(state.track, PlanarTrack) else _at_nearest(ranges)
-    return replace(
+    return changed(
         state,
         track=corrected(track, ranges),
         floor_belief=belief,
@@ -132,7 +132,7 @@ def vote_by_wifi(
     state: SessionState, scan: WifiScan, site: SiteModel, params: Blunavi2020Params
 ) -> SessionState:
     """Let what is heard vote for a reference point, unless beacons in sight tell the place."""
-    state = replace(state, wifi_s=scan.time_s)
+    state = changed(state, wifi_s=scan.time_s)
     radio_map = site.radio_map
     if radio_map is None:
         return state if site.anchors else without(state, NoFixReason.NO_RADIO_MAP_OR_BEACONS)
@@ -187,12 +187,12 @@ def _vote(
     votes = np.zeros(len(site.floors))
     votes[cells.floor_index[won]] = 1.0
     belief = believe(state, votes, time_s, params)
-    state = replace(state, floor_belief=belief)
+    state = changed(state, floor_belief=belief)
     if int(np.argmax(belief)) != cells.floor_index[won]:
         # A place of another floor says nothing of where on this one the phone is.
         return state
     place = np.array([cells.surveyed_x_m[won], cells.surveyed_y_m[won]])
-    return replace(
+    return changed(
         state,
         track=_pulled(state, place, params.place_sigma_m * heard / int(ballot.votes[won])),
         told_s=time_s,

@@ -6,7 +6,7 @@ import numpy as np
 
 from app.core.engine.anchoring import anchor_floors, wall_loss_db
 from app.core.engine.place import place_of
-from app.core.engine.state import SessionState
+from app.core.engine.state import SessionState, changed
 from app.core.lateration.faults import (
     FaultParams,
     at_fault,
@@ -87,7 +87,7 @@ def doubt(
     for i in _silent(levels, model, (site, floor), place, offset):
         evidence[site.anchors[i].anchor_id] = NEW_AT_MOST * silent_evidence(FAULTS)
     odds = judged(state.lateration.fault_log_odds, evidence, elapsed_s, FAULTS)
-    return replace(state, lateration=replace(state.lateration, fault_log_odds=odds))
+    return changed(state, lateration=replace(state.lateration, fault_log_odds=odds))
 
 
 def _place_variance_db2(model: LevelModel, place: FloatArray, covariance: FloatArray) -> FloatArray:

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from app.core.engine.standing import ground_of
-from app.core.engine.state import SessionState
+from app.core.engine.state import SessionState, changed
 from app.core.fingerprint.level_offset import (
     LevelOffset,
     first_offset,
@@ -37,7 +37,7 @@ def match_fingerprints(
     """Match what is heard with the radio map: candidates for the floor vote and the filter."""
     radio_map = site.radio_map
     is_first = state.wifi_s is None
-    state = replace(state, wifi_s=scan.time_s)
+    state = changed(state, wifi_s=scan.time_s)
     if radio_map is None:
         return state if site.anchors else without(state, NoFixReason.NO_RADIO_MAP_OR_BEACONS)
     choose = first_of(radio_map.column_by_key)
@@ -51,7 +51,7 @@ def match_fingerprints(
     query = Query(wifi_dbm, mean_ble_dbm(recent, choose))
     if is_first and not site.anchors:
         # What a few beacons told alone is so much less that it would only hold the filter back.
-        state = replace(state, track=None)
+        state = changed(state, track=None)
     return _match(state, query, scan.time_s, site, params)
 
 
@@ -103,7 +103,7 @@ def _match(
         return without(state, NoFixReason.UNKNOWN_TRANSMITTERS)
     if offset is not None and params.level_offset is not None:
         offset = learned(offset, query, matches, radio_map, params.level_offset)
-        state = replace(state, level_offset=offset)
+        state = changed(state, level_offset=offset)
     if matches.nearest_sorensen > params.match.max_sorensen:
         return without(state, NoFixReason.OUTSIDE_MAPPED_AREA)
     votes = sums(matches.floor_index, matches.weight, len(site.floors))
@@ -114,7 +114,7 @@ def _match(
     sighting = Sighting(time_s, places, matches.weight, noise, votes, matches.floor_index)
     evidence = replace(state.evidence, sighting=sighting, means=Method.FINGERPRINT)
     heard = Used(beacons=len(query.ble_dbm), access_points=len(query.wifi_dbm))
-    return replace(state, floor_belief=belief, evidence=evidence, used=heard)
+    return changed(state, floor_belief=belief, evidence=evidence, used=heard)
 
 
 def _offset_so_far(
@@ -150,7 +150,7 @@ def correct(
         method = Method.FUSED
     else:
         track = begin(sighting, floor, params.fusion)
-    return replace(state, track=track, told_s=sighting.time_s, method=method, evidence=evidence)
+    return changed(state, track=track, told_s=sighting.time_s, method=method, evidence=evidence)
 
 
 def _match_variance_m2(query: Query, nearest_sorensen: float, params: FusionParams) -> float:
@@ -199,4 +199,4 @@ def sums(group: IntArray, value: FloatArray, groups: int) -> FloatArray:
 
 def without(state: SessionState, reason: NoFixReason) -> SessionState:
     """Return the state with the reason why this observation told no place."""
-    return replace(state, reason=reason)
+    return changed(state, reason=reason)

@@ -8,11 +8,11 @@ Source: Grinyak, Grinyak, Tsybanov, "Indoor positioning system based on Bluetoot
 Territory of New Opportunities 10(2), 2018.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from app.core.engine.state import SessionState
+from app.core.engine.state import SessionState, changed
 from app.core.engine.windowing import solve_window
 from app.core.fusion.planar import PlanarTrack
 from app.core.params import (
@@ -57,13 +57,13 @@ def locate_window(
     Where there is none the last one stands until it is too old.
     """
     if not site.anchors:
-        return replace(state, reason=NoFixReason.NO_BEACONS)
+        return changed(state, reason=NoFixReason.NO_BEACONS)
     found, _, state = solve_window(state, scan, site, params)
     if isinstance(found, NoFix):
-        return replace(state, reason=found.reason)
+        return changed(state, reason=found.reason)
     fix = found.fix
     track = PlanarTrack(np.array([fix.x_m, fix.y_m, *(fix.velocity_mps or ())]), found.covariance)
-    return replace(state, track=track, told_s=scan.time_s, method=Method.LATERATION, used=fix.used)
+    return changed(state, track=track, told_s=scan.time_s, method=Method.LATERATION, used=fix.used)
 
 
 def pass_over_wifi(
@@ -72,7 +72,7 @@ def pass_over_wifi(
     """Learn nothing from access points, whose places nobody knows, but why there is no fix."""
     _ = scan, params
     if not site.anchors:
-        return replace(state, reason=NoFixReason.NO_BEACONS)
+        return changed(state, reason=NoFixReason.NO_BEACONS)
     if state.reason is NoFixReason.NOT_STARTED:
-        return replace(state, reason=NoFixReason.NOTHING_HEARD)
+        return changed(state, reason=NoFixReason.NOTHING_HEARD)
     return state

@@ -9,7 +9,7 @@ from app.core.engine.anchoring import anchor_floors, anchor_levels, anchor_votes
 from app.core.engine.doubting import doubt, fault_of_heard, left_out
 from app.core.engine.fixing import believe, correct, without
 from app.core.engine.place import place_of
-from app.core.engine.state import SessionState
+from app.core.engine.state import SessionState, changed
 from app.core.engine.windowing import sense_velocity
 from app.core.fusion.particles import Particles, moments
 from app.core.fusion.sighting import Noise, Sighting
@@ -56,7 +56,7 @@ def laterate(state: SessionState, scan: BleScan, site: SiteModel, params: Params
     belief = believe(state, votes, scan.time_s, params)
     floor = int(np.argmax(belief))
     window = of_anchors(state.window, anchor_floors(site) == floor)
-    state = replace(state, floor_belief=belief)
+    state = changed(state, floor_belief=belief)
     if window.anchors_heard < params.lateration.min_anchors:
         return without(state, NoFixReason.TOO_FEW_TRANSMITTERS)
     model = anchor_levels(site, params.lateration.phone_height_m)
@@ -101,7 +101,7 @@ def _sight(
         wary = replace(levels, sigma_db=levels.sigma_db * np.sqrt(alike / (1.0 - fault)))
         offset = offset_at(wary, model, loss_db, offset, place)
     heard = len(levels.anchor_index)
-    return replace(
+    return changed(
         state,
         used=Used(beacons=heard),
         evidence=replace(state.evidence, left_out=left_out(state, heard)),

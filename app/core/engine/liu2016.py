@@ -18,7 +18,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from app.core.engine.fixing import believe, sums, too_few, without
-from app.core.engine.state import SessionState, Stride
+from app.core.engine.state import SessionState, Stride, changed
 from app.core.fingerprint.query import first_of, fresh_wifi_dbm
 from app.core.fingerprint.radio_map import RadioMap
 from app.core.fingerprint.unequal_length import (
@@ -87,7 +87,7 @@ def blend_scan(
 ) -> SessionState:
     """Follow a scan's fix, or begin the track with it."""
     radio_map = site.radio_map
-    state = replace(state, wifi_s=scan.time_s)
+    state = changed(state, wifi_s=scan.time_s)
     if radio_map is None:
         return without(state, NoFixReason.NO_RADIO_MAP_OR_BEACONS)
     levels_dbm = _levels_dbm(state, scan, radio_map, params)
@@ -100,7 +100,7 @@ def blend_scan(
         return without(state, NoFixReason.OUTSIDE_MAPPED_AREA)
     votes = sums(found.floor_index, found.weight, len(site.floors))
     belief = believe(state, votes, scan.time_s, params)
-    state = replace(state, floor_belief=belief, used=Used(access_points=len(levels_dbm)))
+    state = changed(state, floor_belief=belief, used=Used(access_points=len(levels_dbm)))
     places, weight = _on_floor(found, int(np.argmax(belief)))
     variance_m2 = params.velocity.place_sigma_m**2
     noise_m2 = variance_m2, 0.0, variance_m2
@@ -132,7 +132,7 @@ def blend_stride(
         strides=motion.strides + 1,
         filtered_s=max(stride.time_s, motion.filtered_s),
     )
-    return replace(state, track=track, memory=motion)
+    return changed(state, track=track, memory=motion)
 
 
 def _levels_dbm(
@@ -167,7 +167,7 @@ def _follow(state: SessionState, sighting: Sighting, params: Liu2016Params) -> S
     elif time_s > motion.time_s:
         track, motion = _blended(state, track, motion, (time_s, place), params)
     evidence = replace(state.evidence, sighting=sighting)
-    return replace(
+    return changed(
         state, track=track, memory=motion, told_s=time_s, method=method, evidence=evidence
     )
 

@@ -1,12 +1,11 @@
 """The fold: one observation's way through the stages of its profile, and the passing of time."""
 
 import math
-from dataclasses import replace
 
 from app.core.engine.order import event_time_s, order_key
 from app.core.engine.profiles import PROFILES
 from app.core.engine.report import report
-from app.core.engine.state import Evidence, SessionState, Told
+from app.core.engine.state import Evidence, SessionState, Told, changed
 from app.core.engine.walking import take_strides
 from app.core.motion.mode import decided
 from app.core.params import Params
@@ -24,7 +23,7 @@ def advance(
     """
     time_s = observation.time_s
     profile = PROFILES[params.profile]
-    state = replace(state, evidence=Evidence())
+    state = changed(state, evidence=Evidence())
     state, outputs = _pass_time(state, time_s, site, params)
     state = take_strides(state, time_s, profile.stride, site, params)
     before = state
@@ -34,7 +33,7 @@ def advance(
     # Steps that the phone tells are over by the time it tells them.
     state = take_strides(state, time_s, profile.stride, site, params)
     return (
-        replace(
+        changed(
             state,
             last_key=order_key(observation),
             latest_s=max(event_time_s(observation), time_s, state.latest_s or time_s),
@@ -60,7 +59,7 @@ def end(
     if state.latest_s is None:
         return state, ()
     end_s = state.latest_s
-    state, outputs = _pass_time(replace(state, evidence=Evidence()), end_s, site, params)
+    state, outputs = _pass_time(changed(state, evidence=Evidence()), end_s, site, params)
     state = take_strides(state, end_s, PROFILES[params.profile].stride, site, params)
     return state, (*outputs, report(state, end_s, site, params))
 

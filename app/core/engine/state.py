@@ -1,7 +1,8 @@
 """The state of one session's fold."""
 
-from dataclasses import dataclass, field
-from typing import TypeAlias
+from dataclasses import dataclass, field, fields
+from operator import attrgetter
+from typing import Any, TypeAlias
 
 from app.core.engine.order import OrderKey
 from app.core.fingerprint.level_offset import LevelOffset
@@ -174,6 +175,19 @@ class SessionState:
     method: Method = Method.DEAD_RECKONING
     used: Used = field(default_factory=Used)
     reason: NoFixReason = NoFixReason.NOT_STARTED
+
+
+_NAMES = tuple(one.name for one in fields(SessionState))
+_values_of = attrgetter(*_NAMES)
+
+
+def changed(state: SessionState, **changes: Any) -> SessionState:  # noqa: ANN401 - of any field
+    """Return a state with some fields changed.
+
+    As `dataclasses.replace`, which at some ten changes per observation would take a quarter of the
+    engine's time.
+    """
+    return SessionState(**{**dict(zip(_NAMES, _values_of(state), strict=True)), **changes})
 
 
 def start() -> SessionState:

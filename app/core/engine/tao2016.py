@@ -11,13 +11,13 @@ Journal of Anhui Agricultural Sciences 44(8), 2016.
 
 from collections import defaultdict
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
 
 from app.core.engine.fixing import believe, sums, without
-from app.core.engine.state import SessionState
+from app.core.engine.state import SessionState, changed
 from app.core.fingerprint.cleaning import CleaningParams, gauss_mean_dbm
 from app.core.fingerprint.query import KeyChoice, first_of
 from app.core.fingerprint.radio_map import BLE, WIFI, RadioMap
@@ -79,14 +79,14 @@ def smooth_levels(
     cleaning = params.reference.cleaning
     measurements = _measurements(scan, first_of(known), cleaning)
     memory = listen(memory, measurements, scan.time_s, params.hold_s, params.smoothing)
-    return replace(state, memory=memory)
+    return changed(state, memory=memory)
 
 
 def locate_by_wifi(
     state: SessionState, scan: WifiScan, site: SiteModel, params: Tao2016Params
 ) -> SessionState:
     """Make the mean of the nearest reference points the track, by all that is heard."""
-    state = replace(state, wifi_s=scan.time_s)
+    state = changed(state, wifi_s=scan.time_s)
     return _locate(state, scan.time_s, (WIFI, BLE), site, params)
 
 
@@ -137,12 +137,12 @@ def _locate(
         return without(state, NoFixReason.OUTSIDE_MAPPED_AREA)
     votes = sums(found.floor_index, found.weight, len(site.floors))
     belief = believe(state, votes, time_s, params)
-    state = replace(state, floor_belief=belief)
+    state = changed(state, floor_belief=belief)
     here = of_floor(found, int(np.argmax(belief)))
     if here is None:
         return state
     beacons = sum(int(radio_map.radio[column]) == BLE for column in levels_dbm)
-    return replace(
+    return changed(
         state,
         track=_track(here, params),
         told_s=time_s,

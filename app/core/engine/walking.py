@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Any, TypeAlias
 
 from app.core.engine.standing import ground_of
-from app.core.engine.state import SessionState, Stride
+from app.core.engine.state import SessionState, Stride, changed
 from app.core.fusion.particles import Particles, diffuse, walk
 from app.core.motion.mode import with_acceleration, with_step
 from app.core.motion.steps import detect_steps, step_length_m
@@ -32,7 +32,7 @@ def sense_motion(
 ) -> SessionState:
     """Let the acceleration speak on whether its carrier walks."""
     _ = site
-    return replace(state, motion=with_acceleration(state.motion, block, params.motion_mode))
+    return changed(state, motion=with_acceleration(state.motion, block, params.motion_mode))
 
 
 def find_strides(
@@ -44,12 +44,12 @@ def find_strides(
     """
     detector, steps = detect_steps(state.detector, block, params.step)
     if state.phone_steps_s is not None:
-        return replace(state, detector=detector)
+        return changed(state, detector=detector)
     strides = tuple(
         Stride(s.time_s, step_length_m(s, params.step), _on_plan(s.heading_rad, site), s.interval_s)
         for s in steps
     )
-    return replace(state, detector=detector, pending=state.pending + strides)
+    return changed(state, detector=detector, pending=state.pending + strides)
 
 
 def take_phone_steps(
@@ -90,7 +90,7 @@ def spread_pedometer(
 
 def _believe_phone(state: SessionState, strides: tuple[Stride, ...], time_s: float) -> SessionState:
     # From the phone's first word on, what our detector still has waiting would count twice.
-    return replace(state, pending=strides, phone_steps_s=time_s)
+    return changed(state, pending=strides, phone_steps_s=time_s)
 
 
 def _on_plan(heading_rad: float, site: SiteModel) -> float:
@@ -106,7 +106,7 @@ def walk_particles(
         return state
     step = stride.length_m, stride.heading_rad
     track = walk(state.track, step, ground_of(state.floor_belief, site), params.fusion)
-    return replace(state, track=track)
+    return changed(state, track=track)
 
 
 def stay(state: SessionState, stride: Stride, site: SiteModel, params: Params) -> SessionState:
@@ -128,7 +128,7 @@ def take_strides(
     for stride in taken:
         motion = with_step(motion, stride.time_s)
         state = rule(state, stride, site, params)
-    return replace(
+    return changed(
         state,
         motion=motion,
         stride=taken[-1],
@@ -152,9 +152,9 @@ def diffuse_unseen(
     drift_m2 = unseen_drift_m2(state, scan.time_s, params)
     evidence = replace(state.evidence, drift_m2=drift_m2)
     if drift_m2 <= 0.0:
-        return replace(state, evidence=evidence)
+        return changed(state, evidence=evidence)
     track = diffuse(state.track, drift_m2, ground_of(state.floor_belief, site))
-    return replace(state, track=track, evidence=evidence)
+    return changed(state, track=track, evidence=evidence)
 
 
 def unseen_drift_m2(state: SessionState, time_s: float, params: Params) -> float:

@@ -6,7 +6,7 @@ import numpy as np
 
 from app.core.engine.anchoring import anchor_floors, anchor_levels, anchor_votes
 from app.core.engine.fixing import believe
-from app.core.engine.state import SessionState
+from app.core.engine.state import SessionState, changed
 from app.core.lateration.windowed import Estimate, estimate
 from app.core.motion.mode import decided, with_velocity
 from app.core.params import Params
@@ -34,7 +34,7 @@ def solve_window(
     belief = believe(state, votes, scan.time_s, params)
     window = of_anchors(state.window, anchor_floors(site) == int(np.argmax(belief)))
     model = anchor_levels(site, params.lateration.phone_height_m)
-    state = sense_velocity(replace(state, floor_belief=belief), window, model, scan.time_s, params)
+    state = sense_velocity(changed(state, floor_belief=belief), window, model, scan.time_s, params)
     walking = decided(state.motion, scan.time_s, params.motion_mode).mode is MotionMode.WALKING
     lateration = params.lateration
     found = estimate(window, model, scan.time_s, kinematic=walking, params=lateration)
@@ -53,4 +53,4 @@ def sense_velocity(
     moving = estimate(window, model, time_s, kinematic=True, params=lateration)
     if not isinstance(moving, Estimate) or moving.velocity_chi2 is None:
         return state
-    return replace(state, motion=with_velocity(state.motion, time_s, moving.velocity_chi2))
+    return changed(state, motion=with_velocity(state.motion, time_s, moving.velocity_chi2))

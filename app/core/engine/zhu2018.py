@@ -7,11 +7,11 @@ Source: Zhu, Wang, Chen, Fang, Zhang, "Fusion location algorithm based on Blueto
 Packaging Engineering 39(5), 2018.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from app.core.engine.state import SessionState, Stride
+from app.core.engine.state import SessionState, Stride, changed
 from app.core.fusion.planar import PlanarTrack
 from app.core.fusion.scheduled import ScheduledMemory, ScheduledParams, Vector, begin, update, walk
 from app.core.fusion.sighting import Sighting
@@ -58,7 +58,7 @@ def walk_scheduled(
         return state
     step = (stride.time_s, stride.length_m, stride.heading_rad)
     track, memory = walk(state.track, state.memory, step, params.scheduled)
-    return replace(state, track=track, memory=memory)
+    return changed(state, track=track, memory=memory)
 
 
 def correct_scheduled(
@@ -73,12 +73,12 @@ def correct_scheduled(
     fix_m = mean_place(sighting, floor, params.floor.vote_floor)
     if fix_m is None:
         return state
-    state = replace(state, told_s=scan.time_s)
+    state = changed(state, told_s=scan.time_s)
     if not isinstance(state.track, PlanarTrack) or not isinstance(state.memory, ScheduledMemory):
         track, memory = begin(fix_m, scan.time_s, params.scheduled)
-        return replace(state, track=track, memory=memory, method=Method.FINGERPRINT)
+        return changed(state, track=track, memory=memory, method=Method.FINGERPRINT)
     track, memory = update(state.track, state.memory, fix_m, scan.time_s, params.scheduled)
-    return replace(state, track=track, memory=memory, method=Method.FUSED)
+    return changed(state, track=track, memory=memory, method=Method.FUSED)
 
 
 def mean_place(sighting: Sighting, floor_index: int, least_share: float) -> Vector | None:

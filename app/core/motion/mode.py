@@ -19,9 +19,10 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
+from numba import njit
 
 from app.core.params import MotionModeParams
-from app.core.types import ImuBlock, MotionMode
+from app.core.types import FloatArray, ImuBlock, MotionMode
 
 
 class MotionEvidence(StrEnum):
@@ -80,12 +81,20 @@ def with_acceleration(state: MotionState, block: ImuBlock, params: MotionModePar
     if not _recent(state.acc_s, block.time_s, params.evidence_s):
         mean, variance = float(norms[0]), 0.0
     gain = 1.0 - math.exp(-1.0 / (block.rate_hz * params.variance_time_s))
-    for norm in norms.tolist():
+    mean, variance = _forgetting(norms, gain, mean, variance)
+    end_s = block.time_s + (len(norms) - 1) / block.rate_hz
+    return replace(state, acc_mean_mps2=mean, acc_variance_m2ps4=variance, acc_s=end_s)
+
+
+@njit(cache=True)
+def _forgetting(
+    norms: FloatArray, gain: float, mean: float, variance: float
+) -> tuple[float, float]:  # pragma: no cover - compiled
+    for norm in norms:
         deviation = norm - mean
         mean += gain * deviation
         variance = (1.0 - gain) * (variance + gain * deviation * deviation)
-    end_s = block.time_s + (len(norms) - 1) / block.rate_hz
-    return replace(state, acc_mean_mps2=mean, acc_variance_m2ps4=variance, acc_s=end_s)
+    return mean, variance
 
 
 def decided(state: MotionState, time_s: float, params: MotionModeParams) -> MotionState:
@@ -102,7 +111,7 @@ def decided(state: MotionState, time_s: float, params: MotionModeParams) -> Moti
             mode = _between(mode, state.velocity_chi2, (params.still_chi2, params.walk_chi2))
         case MotionEvidence.NONE:
             mode = MotionMode.STILL
-    return replace(state, mode=mode)
+    return state if mode is state.mode else replace(state, mode=mode)
 
 
 def deciding(state: MotionState, time_s: float, params: MotionModeParams) -> MotionEvidence:
