@@ -204,6 +204,19 @@ def test_a_jump_is_gated() -> None:
     assert jump.inlier_probability < 0.5
 
 
+def test_a_faulty_beacon_is_named_and_gated() -> None:
+    state = fold(BEACON_SITE, *(beacons_at(6.0, 4.0, time_s=T0 + i) for i in range(4)))
+    assert state.told is not None
+    healthy = explained(state, BEACON_SITE, PARAMS)
+    assert healthy is not None
+    assert healthy.faults == ()
+    doubted = replace(state.told, evidence=replace(state.told.evidence, left_out=("a1",)))
+    told = explained(replace(state, told=doubted), BEACON_SITE, PARAMS)
+    assert told is not None
+    assert told.faults == ("a1",)
+    assert {one.anchor_id for one in told.transmitters if one.use is Use.GATED} == {"a1"}
+
+
 def test_where_nothing_is_known_the_reasons_are_told() -> None:
     lost = why(BEACON_SITE, BleScan(T0, (Reading(("mac:stranger",), -40.0),)))
     assert isinstance(lost.output, NoFix)

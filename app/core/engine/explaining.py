@@ -55,6 +55,7 @@ def explained(state: SessionState, site: SiteModel, params: Params) -> Explanati
         gate=gate,
         floors=floors,
         motion=motion,
+        faults=told.evidence.left_out,
     )
 
 

@@ -81,6 +81,8 @@ def _anchors_heard(told: Told, floor: int | None, site: SiteModel) -> Iterator[_
         mean_dbm = float(window.rssi_dbm[window.anchor_index == anchor].mean())
         on_floor = floor is None or site.floor_index(site.anchors[anchor].floor_id) == floor
         use = Use.USED if on_floor else Use.OTHER_FLOOR
+        if site.anchors[anchor].anchor_id in told.evidence.left_out:
+            use = Use.GATED
         yield _Heard(site.anchors[anchor].keys[0], "ble", mean_dbm, use, anchor)
 
 
