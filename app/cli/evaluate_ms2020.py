@@ -17,9 +17,10 @@ from app.formats.ms2020_site import BuildingFolder, BuildingFolderError, read_bu
 from app.formats.ms2020_survey import SurveyWalk
 from app.services.evaluation import ms2020
 from app.services.evaluation.figures import Evaluation
+from app.services.evaluation.phones import PHONES
 
 
-def evaluate_ms2020(
+def evaluate_ms2020(  # noqa: PLR0913 - options of a command
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Building with its floors in it.")],
     floors: Annotated[
         str | None, typer.Option(metavar="F1,F2", help="Only these floors, in map and traces.")
@@ -30,6 +31,9 @@ def evaluate_ms2020(
     profile: Annotated[
         str, typer.Option(metavar="NAMES", help="Profiles, joined by commas, or all.")
     ] = "best",
+    phone: Annotated[
+        str, typer.Option(metavar="NAME", help=f"As another phone posts: {', '.join(PHONES)}.")
+    ] = "recorded",
     json_file: JsonOption = None,
     plot: Annotated[
         Path | None,
@@ -39,8 +43,9 @@ def evaluate_ms2020(
     """Follow the walks of fold 0 with a map of the others, and compare with the truth."""
     draw = None if plot is None else _drawing_into(plot)
     profiles = _profiles(profile)
+    _known(phone, PHONES, "phone")
     building = _building(folder, floors)
-    tasks = ms2020.tasks_of(building, profiles)
+    tasks = ms2020.tasks_of(building, profiles, phone)
     console = Console(stderr=True)
     splits = {task.split for task in tasks}
     sites = ms2020.sites_of(building, _walks(building, console), splits, map_share)
@@ -56,6 +61,7 @@ def evaluate_ms2020(
     )
     names = ",".join(floor.name for floor in building.floors)
     share = "" if map_share == 1.0 else f" --map-share {map_share:g}"
+    share += "" if phone == "recorded" else f" --phone {phone}"
     give(
         Evaluation(
             dataset=f"ms2020 {building.name} {names}{share}",
@@ -85,10 +91,14 @@ def _profiles(names: str) -> list[str]:
         return list(PROFILES)
     chosen = list(dict.fromkeys(names.split(",")))
     for name in chosen:
-        if name not in PROFILES:
-            msg = f"there is no profile {name!r}; there are: {', '.join(PROFILES)}"
-            raise CommandError(msg, 2)
+        _known(name, PROFILES, "profile")
     return chosen
+
+
+def _known(name: str, names: Iterable[str], kind: str) -> None:
+    if name not in names:
+        msg = f"there is no {kind} {name!r}; there are: {', '.join(names)}"
+        raise CommandError(msg, 2)
 
 
 def _building(folder: Path, floors: str | None) -> BuildingFolder:

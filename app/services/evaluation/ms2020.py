@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -20,6 +20,7 @@ from app.services.building_import import floor_id_of, radio_map_of, site_id_of
 from app.services.errors import AppError, ErrorCode
 from app.services.evaluation.figures import Figures
 from app.services.evaluation.parallel import on_all_cores
+from app.services.evaluation.phones import PHONES
 from app.services.evaluation.walks import FollowedWalk, follow, walk_figures
 
 PROTOCOL = (
@@ -44,11 +45,12 @@ SPLITS = (TUNING, TEST)
 
 
 class Task(NamedTuple):
-    """One trace to be walked through with one profile."""
+    """One trace to be walked through with one profile, as one kind of phone posts it."""
 
     path: Path
     split: Split
     profile: str
+    phone: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,12 +73,14 @@ def map_paths(building: BuildingFolder) -> list[Path]:
     return [path for path in every if fold_of(trace_id_of(path)) in mapped]
 
 
-def tasks_of(building: BuildingFolder, profiles: Iterable[str]) -> list[Task]:
+def tasks_of(
+    building: BuildingFolder, profiles: Iterable[str], phone: str = "recorded"
+) -> list[Task]:
     """Return what there is to be walked through: the asked traces of every split with a map."""
     paths = [path for floor in building.floors for path in floor.traces]
     folds = [fold_of(trace_id_of(path)) for path in paths]
     tasks = [
-        Task(path, split, profile)
+        Task(path, split, profile, phone)
         for profile in profiles
         for split in SPLITS
         for path, fold in zip(paths, folds, strict=True)
@@ -165,7 +169,9 @@ def _begin(sites: dict[Split, SiteModel], first: Task) -> None:
 
 def _score_task(task: Task) -> ScoredTrace:
     params = PROFILES[task.profile].params
-    return score_trace(read_trace(task.path), _sites[task.split], params)
+    trace = read_trace(task.path)
+    posted = replace(trace, observations=PHONES[task.phone](trace.observations))
+    return score_trace(posted, _sites[task.split], params)
 
 
 def score_trace(trace: Trace, site: SiteModel, params: Params) -> ScoredTrace:

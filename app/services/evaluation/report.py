@@ -25,8 +25,12 @@ other traces (their error is `tuning_mean_error_m`), so another building may be 
 `floor_accuracy_per_scan` takes each Wi-Fi scan alone. `coverage95` is the share of the truth inside
 `radius95_m`, over seconds with a fix of their own, and `by_decile` the same from the smallest tenth
 of the radii to the largest. `smoothed` are the tracks as they are stored once a session is over; a
-live page does not see them. With `--map-share` the map has only that share of each floor's
-surveyed walks.""",
+live page does not see them. `no_fix_share` are mostly the seconds between a walk's first beacons
+and its first Wi-Fi scan: for 3 s the engine waits for that, since beacons alone would place the
+phone 11 m off there and not always on its floor. With `--map-share` the map has only that share of
+each floor's surveyed walks. `--phone` posts the same walks as another phone would: `iphone` without
+any Wi-Fi scan, `throttled` with one in 30 s, `louder` and `weaker` with 10 dB added to and taken
+off all levels, of which the engine is not told.""",
     "uji-ble": """Single scans, and all scans of a point together, among beacons at known places,
 one phone, held still: no motion, no filter. The beacons are calibrated in the same room with the
 same phone; a phone that was never calibrated is `lateration_10_db_off`. Scans that hear fewer than
