@@ -67,7 +67,15 @@ def test_the_index_finds_what_brute_force_finds(seed, fingerprints, radio_map):
     expected = np.argsort(distance)[: p.k]
     found = match(query, radio_map, p)
     assert list(found.row) == list(expected)
-    weight = np.exp(-(distance[expected] - distance[expected[0]]) / p.softness)
+    crowd = [
+        sum(
+            f.floor_index == fingerprints[i].floor_index
+            and np.hypot(f.x_m - fingerprints[i].x_m, f.y_m - fingerprints[i].y_m) <= p.crowd_m
+            for f in fingerprints
+        )
+        for i in expected
+    ]
+    weight = np.exp(-(distance[expected] - distance[expected[0]]) / p.softness) / crowd
     assert np.allclose(found.weight, weight / weight.sum(), atol=1e-9)
 
 

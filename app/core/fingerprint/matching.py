@@ -6,6 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 from numba import njit
+from scipy.spatial import cKDTree
 
 from app.core.fingerprint.query import Query
 from app.core.fingerprint.radio_map import BLE, WIFI, RadioMap
@@ -19,13 +20,14 @@ class MatchIndex:
 
     ``share`` holds a = ((rssi - floor) / -floor)^e for the Sørensen distance, ``power`` the same
     with the cosine's exponent; ``share_sum`` and ``power_norm`` are their sums and norms per row,
-    apart for Wi-Fi and BLE (first axis).
+    apart for Wi-Fi and BLE (first axis). ``crowd`` is how many fingerprints lie about each row.
     """
 
     share: FloatArray
     power: FloatArray
     share_sum: FloatArray
     power_norm: FloatArray
+    crowd: FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,7 +72,19 @@ def match_index(radio_map: RadioMap, params: MatchParams) -> MatchIndex:
     )
     power_norm = np.sqrt(np.bincount(rows, power**2, radio_map.rows))
     by_column = np.argsort(radio_map.column, kind="stable")
-    return MatchIndex(share[by_column], power[by_column], share_sum, power_norm)
+    crowd = _crowd(radio_map, params.crowd_m)
+    return MatchIndex(share[by_column], power[by_column], share_sum, power_norm, crowd)
+
+
+def _crowd(radio_map: RadioMap, within_m: float) -> FloatArray:
+    """Return how many fingerprints of its floor lie within a distance of each, itself one."""
+    crowd = np.ones(radio_map.rows)
+    places = np.column_stack([radio_map.x_m, radio_map.y_m])
+    for floor in np.unique(radio_map.floor_index):
+        rows = np.flatnonzero(radio_map.floor_index == floor)
+        tree = cKDTree(places[rows])
+        crowd[rows] = tree.query_ball_point(places[rows], within_m, return_length=True)
+    return crowd
 
 
 def represent(rssi_dbm: FloatArray, floor_dbm: float, exponent: float) -> FloatArray:
@@ -88,7 +102,8 @@ def match(query: Query, radio_map: RadioMap, params: MatchParams) -> Matches | N
     D1 = 1 - 2 Σ min(a, b) / (Σ a + Σ b) (Wi-Fi), D2 = 1 - a·b / (|a| |b|) (Wi-Fi, other exponent),
     D3 like D1 on BLE, g = ``ble_gain`` min(1, n_ble / 3); D = D3 where no Wi-Fi was heard.
     Transmitters the map does not know count in Σ a and |a|. Weights are
-    exp(-(D - D_min) / ``softness``), normalised.
+    exp(-(D - D_min) / ``softness``) / m, normalised, m the number of fingerprints within
+    ``crowd_m``: a place is not likelier for having been surveyed often.
     """
     index = match_index(radio_map, params)
     wifi = _Side.of(query.wifi_dbm, radio_map, params.wifi_floor_dbm, params.sorensen_exponent)
@@ -112,7 +127,7 @@ def match(query: Query, radio_map: RadioMap, params: MatchParams) -> Matches | N
     k = min(params.k, len(distance))
     row = np.argpartition(distance, k - 1)[:k]
     row = row[np.lexsort((row, distance[row]))]
-    weight = np.exp(-(distance[row] - distance[row[0]]) / params.softness)
+    weight = np.exp(-(distance[row] - distance[row[0]]) / params.softness) / index.crowd[row]
     return Matches(
         row=row,
         distance=distance[row],

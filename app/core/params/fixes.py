@@ -78,13 +78,16 @@ class MatchParams:
     wifi_floor_dbm, ble_floor_dbm
         Level that counts as not heard; just under what phones report at the weakest.
     sorensen_exponent, cosine_exponent, ble_exponent
-        Exponents of the representation; > 1 lets near transmitters decide (flat between 2 and 3).
+        Exponents of the representation; > 1 lets near transmitters decide (flat between 2 and 3 on
+        ms2020; scans of many phone models match best with 2).
     ble_gain
         Weight of the BLE distance against the two Wi-Fi ones (ms2020: 2 % better than without).
     k
         Candidates kept.
     softness
         Scale of the softmax over distances.
+    crowd_m
+        Fingerprints within this distance of each other share their weight (ms2020: 1 % better).
     max_sorensen
         Where even the nearest fingerprint shares less than 3 % of what is heard, the phone is not
         in the mapped area.
@@ -98,12 +101,13 @@ class MatchParams:
     wifi_start_s: float = 3.0
     wifi_floor_dbm: float = -100.0
     ble_floor_dbm: float = -105.0
-    sorensen_exponent: float = 2.5
-    cosine_exponent: float = 2.5
+    sorensen_exponent: float = 2.0
+    cosine_exponent: float = 2.0
     ble_exponent: float = 2.0
     ble_gain: float = 0.3
     k: int = 15
-    softness: float = 0.07
+    softness: float = 0.06
+    crowd_m: float = 3.0
     max_sorensen: float = 0.97
 
 
