@@ -197,11 +197,17 @@ SURVEYS = Table(
     Column("device_id", String),
     Column("device_model", String),
     Column("created_s", Double, nullable=False),
+    # Records come in strides; until the last one is there, nobody sees the survey.
+    Column("complete", Boolean, nullable=False, server_default=text("false")),
+    # What it holds per floor, see storage.surveys.Holding.
+    Column("holdings", JSON_OR_NULL),
+    # What of the upload could not be used: counts by reason, and the first places.
+    Column("unusable", JSON_OR_NULL),
     _row_version(),
 )
 
-REFERENCE_POINTS = Table(
-    "reference_points",
+SURVEY_RECORDS = Table(
+    "survey_records",
     METADATA,
     Column("id", ROW_ID, primary_key=True),
     Column(
@@ -211,35 +217,34 @@ REFERENCE_POINTS = Table(
         nullable=False,
         index=True,
     ),
-    Column(
-        "floor_id",
-        String,
-        ForeignKey("floors.id", ondelete="CASCADE"),
-        nullable=False,
-        index=True,
-    ),
-    # Which walk it belongs to: leave-one-walk-out validation groups by it.
+    # No foreign key: a floor that is taken out and put back finds its survey again.
+    Column("floor_id", String, nullable=False),
+    Column("kind", String, nullable=False),
+    # Name of the walk; of points the walk they belong to, if any.
     Column("walk", String, nullable=False, server_default=""),
-    Column("name", String, nullable=False, server_default=""),
-    Column("x_m", Double, nullable=False),
-    Column("y_m", Double, nullable=False),
-    Column("time_s", Double),
+    Column("first_s", Double),
+    Column("last_s", Double),
+    # One core.survey.SurveyWalk, or a few hundred SurveyPoints, encoded by storage.codec.
+    Column("payload", LargeBinary, nullable=False),
+    CheckConstraint("kind IN ('walk', 'points')", name="kind"),
 )
 
-SURVEY_SCANS = Table(
-    "survey_scans",
+JOBS = Table(
+    "jobs",
     METADATA,
-    Column("id", ROW_ID, primary_key=True),
-    Column(
-        "reference_point_id",
-        ROW_ID,
-        ForeignKey("reference_points.id", ondelete="CASCADE"),
-        nullable=False,
-        index=True,
-    ),
-    Column("time_s", Double, nullable=False),
-    # Observations, encoded by storage.codec.
-    Column("payload", LargeBinary, nullable=False),
+    Column("id", String, primary_key=True),
+    _site_id(),
+    # What it does: "survey import" and others.
+    Column("kind", String, nullable=False),
+    Column("state", String, nullable=False),
+    # Numbers that grow while it runs; for a survey import bytes, traces, fingerprints.
+    Column("progress", JSON, nullable=False),
+    # What came of it: `result` when it is done, `problem` (code, detail) when it failed.
+    Column("result", JSON_OR_NULL),
+    Column("problem", JSON_OR_NULL),
+    Column("created_s", Double, nullable=False),
+    Column("ended_s", Double),
+    CheckConstraint("state IN ('receiving', 'waiting', 'running', 'done', 'failed')", name="state"),
 )
 
 RADIO_MAPS = Table(

@@ -41,7 +41,7 @@ def test_the_migrations_make_exactly_the_tables_of_the_code(storage_url: str):
 def test_upgrade_from_empty_and_downgrade_to_base(empty_url: str):
     assert migrate.current(empty_url) is None
     migrate.upgrade(empty_url)
-    assert migrate.current(empty_url) == "0002"
+    assert migrate.current(empty_url) == "0003"
     assert tables_of(empty_url) == set(METADATA.tables)
     migrate.downgrade(empty_url, "base")
     assert migrate.current(empty_url) is None
@@ -51,7 +51,7 @@ def test_upgrade_from_empty_and_downgrade_to_base(empty_url: str):
 def test_processes_that_start_together_upgrade_once(empty_url: str):
     with ThreadPoolExecutor(6) as threads:
         list(threads.map(migrate.upgrade, [empty_url] * 6))
-    assert migrate.current(empty_url) == "0002"
+    assert migrate.current(empty_url) == "0003"
 
 
 def test_scripts_are_found_in_an_installed_wheel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
@@ -60,4 +60,4 @@ def test_scripts_are_found_in_an_installed_wheel(tmp_path: Path, monkeypatch: py
     monkeypatch.setattr(migrate, "__file__", str(package / "migrate.py"))
     assert migrate.scripts_folder() == package / "migrations_bundle"
     migrate.upgrade(f"sqlite:///{tmp_path / 'new.db'}")
-    assert migrate.current(f"sqlite:///{tmp_path / 'new.db'}") == "0002"
+    assert migrate.current(f"sqlite:///{tmp_path / 'new.db'}") == "0003"
