@@ -63,6 +63,16 @@ class Georeference:
         per_lat_m, per_lon_m = _metres_per_degree(self.lat0_deg)
         return self.lat0_deg + north_m / per_lat_m, self.lon0_deg + east_m / per_lon_m
 
+    def from_wgs84(self, lat_deg: float, lon_deg: float) -> tuple[float, float]:
+        """Return the place in the site frame of a latitude and longitude: `to_wgs84` undone."""
+        a, b, c, d = self.matrix
+        per_lat_m, per_lon_m = _metres_per_degree(self.lat0_deg)
+        east_m = (lon_deg - self.lon0_deg) * per_lon_m - self.east0_m
+        north_m = (lat_deg - self.lat0_deg) * per_lat_m - self.north0_m
+        determinant = a * d - b * c
+        x_m = (d * east_m - b * north_m) / determinant
+        return x_m, (a * north_m - c * east_m) / determinant
+
 
 def fit_georeference(points: Sequence[ControlPoint]) -> Georeference:
     """Return the least-squares fit: a similarity for two points, an affine map for three or more.

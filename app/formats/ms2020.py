@@ -9,17 +9,21 @@ import hashlib
 import lzma
 import math
 from collections import Counter
-from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
-from app.core.engine import order_key
-from app.core.types import BleScan, FloatArray, ImuBlock, Observation, Reading, WifiScan
+from app.core.types import FloatArray, Observation, Reading
+from app.formats.trace_samples import TraceSamples, level
+from app.formats.transmitters import ibeacon_key, mac_key
 
 _SUFFIXES = (".txt.xz", ".txt")
+SENSORS = {
+    "TYPE_ACCELEROMETER": "acc",
+    "TYPE_GYROSCOPE": "gyro",
+    "TYPE_ROTATION_VECTOR": "rotation",
+}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,15 +45,6 @@ class Trace:
     observations: tuple[Observation, ...]
     waypoints: FloatArray
     skipped: dict[str, int]
-
-
-@dataclass(slots=True)
-class _Lines:
-    wifi: dict[int, dict[str, Reading]] = field(default_factory=dict)
-    beacons: dict[int, list[tuple[int, tuple[str, ...], float]]] = field(default_factory=dict)
-    sensors: dict[str, list[tuple[float, ...]]] = field(default_factory=dict)
-    waypoints: list[tuple[float, float, float]] = field(default_factory=list)
-    skipped: Counter[str] = field(default_factory=Counter)
 
 
 def trace_id_of(path: Path) -> str:
@@ -87,141 +82,54 @@ def read_trace(path: Path) -> Trace:
 
 def parse_trace(trace_id: str, floor_name: str, text: str) -> Trace:
     """Parse the text of one trace; see `read_trace`."""
-    lines = _Lines()
+    samples, skipped = TraceSamples(), Counter[str]()
     for line in text.splitlines():
         if line.startswith("#") or not line.strip():
             continue
         try:
-            _take(lines, line.split("\t"))
-        except (ValueError, IndexError):
-            lines.skipped["unreadable"] += 1
-    observations: list[Observation] = [
-        *_wifi_scans(lines),
-        *_ble_scans(lines),
-        *_imu_blocks(lines),
-    ]
+            if not take_line(samples, line):
+                skipped[f"unused {line.split(chr(9))[1]}"] += 1
+        except (ValueError, IndexError, OverflowError):
+            skipped["unreadable"] += 1
+    observations = samples.observations()
     if not observations:
         msg = f"{trace_id}: no scan and no inertial sample in it"
         raise ValueError(msg)
-    observations.sort(key=order_key)
-    return Trace(
-        trace_id,
-        floor_name,
-        tuple(observations),
-        np.array(lines.waypoints, dtype=np.float64).reshape(-1, 3),
-        dict(lines.skipped),
-    )
+    waypoints = np.array(samples.waypoints, dtype=np.float64).reshape(-1, 3)
+    return Trace(trace_id, floor_name, observations, waypoints, dict(skipped))
 
 
-def _take(lines: _Lines, fields: list[str]) -> None:
+def take_line(samples: TraceSamples, line: str) -> bool:
+    """Add what a line says to the samples; tell whether it is of a kind that is used.
+
+    Raises
+    ------
+    ValueError, IndexError, OverflowError
+        If the line cannot be read.
+    """
+    fields = line.split("\t")
     time_ms, kind = int(fields[0]), fields[1]
-    if kind in {"TYPE_ACCELEROMETER", "TYPE_GYROSCOPE", "TYPE_ROTATION_VECTOR"}:
+    if kind in SENSORS:
         x, y, z = float(fields[2]), float(fields[3]), float(fields[4])
-        lines.sensors.setdefault(kind, []).append((time_ms / 1000.0, x, y, z))
+        samples.sensors.setdefault(SENSORS[kind], []).append((time_ms / 1000.0, x, y, z))
     elif kind == "TYPE_WIFI":
-        _take_wifi(lines, time_ms, fields)
+        # The network name comes first and may itself hold tabs: count from the right.
+        age_s = max(time_ms - int(fields[-1]), 0) / 1000.0
+        samples.take_wifi(time_ms, Reading((mac_key(fields[-4]),), level(fields[-3]), age_s))
     elif kind == "TYPE_BEACON":
-        _take_beacon(lines, time_ms, fields)
+        _take_beacon(samples, time_ms, fields)
     elif kind == "TYPE_WAYPOINT":
-        lines.waypoints.append((time_ms / 1000.0, float(fields[2]), float(fields[3])))
+        samples.waypoints.append((time_ms / 1000.0, float(fields[2]), float(fields[3])))
     else:
-        lines.skipped[f"unused {kind}"] += 1
+        return False
+    return True
 
 
-def _take_wifi(lines: _Lines, time_ms: int, fields: list[str]) -> None:
-    # The network name comes first and may itself hold tabs: count from the right.
-    bssid, rssi, last_seen_ms = fields[-4], fields[-3], fields[-1]
-    key = f"mac:{_mac(bssid)}"
-    reading = Reading((key,), float(rssi), max(time_ms - int(last_seen_ms), 0) / 1000.0)
-    scan = lines.wifi.setdefault(time_ms, {})
-    if key in scan and (scan[key].rssi_dbm, -scan[key].age_s) >= (
-        reading.rssi_dbm,
-        -reading.age_s,
-    ):
-        return
-    scan[key] = reading
-
-
-def _take_beacon(lines: _Lines, time_ms: int, fields: list[str]) -> None:
-    uuid, major, minor, rssi = fields[2].lower(), int(fields[3]), int(fields[4]), fields[6]
-    keys = [f"ibeacon:{_uuid(uuid)}:{major}:{minor}"]
+def _take_beacon(samples: TraceSamples, time_ms: int, fields: list[str]) -> None:
+    keys = [ibeacon_key(fields[2], int(fields[3]), int(fields[4]))]
     if len(fields) > 8:
-        keys.append(f"mac:{_mac(fields[8])}")
-    lines.beacons.setdefault(time_ms // 1000, []).append((time_ms, tuple(keys), float(rssi)))
-
-
-def _mac(text: str) -> str:
-    digits = "".join(c for c in text.lower() if c in "0123456789abcdef")
-    if len(digits) != 12:
-        msg = f"not a MAC: {text!r}"
-        raise ValueError(msg)
-    return digits
-
-
-def _uuid(text: str) -> str:
-    digits = text.replace("-", "")
-    if len(digits) != 32:
-        msg = f"not a UUID: {text!r}"
-        raise ValueError(msg)
-    return f"{digits[:8]}-{digits[8:12]}-{digits[12:16]}-{digits[16:20]}-{digits[20:]}"
-
-
-def _wifi_scans(lines: _Lines) -> Iterable[WifiScan]:
-    for time_ms, readings in lines.wifi.items():
-        yield WifiScan(time_ms / 1000.0, tuple(readings.values()))
-
-
-def _ble_scans(lines: _Lines) -> Iterable[BleScan]:
-    for heard in lines.beacons.values():
-        last_ms = max(time_ms for time_ms, _, _ in heard)
-        yield BleScan(
-            last_ms / 1000.0,
-            tuple(Reading(keys, rssi, (last_ms - t_ms) / 1000.0) for t_ms, keys, rssi in heard),
-        )
-
-
-def _imu_blocks(lines: _Lines) -> Iterable[ImuBlock]:
-    if "TYPE_ACCELEROMETER" not in lines.sensors:
-        return
-    acc = _by_time(lines.sensors["TYPE_ACCELEROMETER"])
-    gyro = _by_time(lines.sensors.get("TYPE_GYROSCOPE", []))
-    rotation = _by_time(lines.sensors.get("TYPE_ROTATION_VECTOR", []))
-    second = np.floor(acc[:, 0])
-    for k in np.unique(second):
-        samples = acc[second == k]
-        if len(samples) < 2:
-            continue
-        time_s = samples[:, 0]
-        yield ImuBlock(
-            time_s=float(time_s[0]),
-            # The file's stamps are whole milliseconds: so is this rate to a thousandth.
-            rate_hz=round((len(samples) - 1) / float(time_s[-1] - time_s[0]), 3),
-            acc_mps2=samples[:, 1:].astype(np.float32),
-            gyro_radps=_nearest(gyro, time_s)[:, 1:].astype(np.float32),
-            mag_ut=np.empty((0, 3), dtype=np.float32),
-            quat_wxyz=_quaternions(_nearest(rotation, time_s)[:, 1:]),
-        )
-
-
-def _by_time(rows: list[tuple[float, ...]]) -> FloatArray:
-    samples = np.array(rows, dtype=np.float64).reshape(-1, 4)
-    _, first = np.unique(samples[:, 0], return_index=True)
-    return samples[first]
-
-
-def _nearest(samples: FloatArray, time_s: FloatArray) -> FloatArray:
-    if not len(samples):
-        return samples
-    after = np.clip(np.searchsorted(samples[:, 0], time_s), 1, max(len(samples) - 1, 1))
-    after = np.minimum(after, len(samples) - 1)
-    before = np.maximum(after - 1, 0)
-    closer = time_s - samples[before, 0] <= samples[after, 0] - time_s
-    return samples[np.where(closer, before, after)]
-
-
-def _quaternions(rotation_xyz: FloatArray) -> npt.NDArray[np.float32]:
-    w = np.sqrt(np.maximum(0.0, 1.0 - np.sum(rotation_xyz**2, axis=1, keepdims=True)))
-    return np.hstack([w, rotation_xyz]).astype(np.float32)
+        keys.append(mac_key(fields[8]))
+    samples.take_beacon(time_ms, tuple(keys), level(fields[6]))
 
 
 def truth_at(waypoints: FloatArray, time_s: float) -> tuple[float, float] | None:
