@@ -41,6 +41,12 @@ class Settings(BaseSettings):
     max_decoded_bytes: int = Field(8 << 20, gt=0, description="Largest body after decompression.")
     max_gzip_ratio: int = Field(100, gt=0, description="Largest ratio of decoded to sent bytes.")
 
+    max_survey_bytes: int = Field(1 << 30, gt=0, description="Largest upload of a survey, as sent.")
+    spool_dir: str | None = Field(
+        None,
+        description="Folder for uploads that are being read; the system's for temporary files.",
+    )
+
     session_evict_s: float = Field(
         180.0, gt=0, description="Seconds without a batch after which a session leaves memory."
     )

@@ -3,9 +3,11 @@
 import asyncio
 import logging
 import sys
+import tempfile
 import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from pathlib import Path
 from typing import Any
 
 import uvicorn
@@ -18,9 +20,13 @@ from app.core.engine import warm_up
 from app.services.first_start import make_first_token
 from app.services.housekeeping import Housekeeping, Retention
 from app.services.ingest import IngestService
+from app.services.jobs import JobBoard
 from app.services.planning_queue import PlanQueue
 from app.services.replay import ReplayService
 from app.services.site import SiteDirectory
+from app.services.survey_import import SurveyImporter
+from app.services.survey_session import SessionSurveys
+from app.services.survey_uploads import SurveyUploads
 from app.services.tokens import Authenticator
 from app.sessions.hub import Hub
 from app.sessions.limits import SessionLimits
@@ -62,8 +68,10 @@ def create_app(settings: Settings, clock: Clock | None = None) -> FastAPI:
         await asyncio.to_thread(prepare_database, settings)
         await asyncio.to_thread(warm_up)
         database = Database(settings.database_url)
+        spool = tempfile.TemporaryDirectory(prefix="pharos-uploads-", dir=settings.spool_dir)
         try:
-            context, housekeeping = _build(settings, database, own_clock)
+            context, housekeeping = _build(settings, database, own_clock, Path(spool.name))
+            await context.uploads.clean_up()
             await context.directory.refresh()
             await context.registry.recover()
             bind(app, context)
@@ -73,9 +81,11 @@ def create_app(settings: Settings, clock: Clock | None = None) -> FastAPI:
             yield
             chores.cancel()
             context.hub.close()
+            await context.uploads.close()
             await context.registry.close()
         finally:
             await database.close()
+            spool.cleanup()
 
     app = FastAPI(
         title="Pharos",
@@ -125,7 +135,9 @@ def prepare_database(settings: Settings) -> None:
         raise OutdatedDatabaseError(msg)
 
 
-def _build(settings: Settings, database: Database, clock: Clock) -> tuple[ApiContext, Housekeeping]:
+def _build(
+    settings: Settings, database: Database, clock: Clock, spool: Path
+) -> tuple[ApiContext, Housekeeping]:
     directory = SiteDirectory(database)
     hub = Hub()
     ports = SessionPorts(
@@ -133,6 +145,8 @@ def _build(settings: Settings, database: Database, clock: Clock) -> tuple[ApiCon
     )
     limits = SessionLimits(evict_s=settings.session_evict_s, idle_s=settings.session_idle_s)
     registry = SessionRegistry(ports, directory, hub, clock, limits)
+    board = JobBoard(database, hub, clock)
+    importer = SurveyImporter(database, board, clock)
     context = ApiContext(
         clock=clock,
         database=database,
@@ -147,6 +161,9 @@ def _build(settings: Settings, database: Database, clock: Clock) -> tuple[ApiCon
             settings.token_cache_s,
         ),
         plans=PlanQueue(),
+        jobs=board,
+        uploads=SurveyUploads(database, board, importer, spool, settings.max_survey_bytes),
+        session_surveys=SessionSurveys(database, clock),
         limits=ApiLimits(
             settings.max_body_bytes, settings.max_decoded_bytes, settings.max_gzip_ratio
         ),

@@ -11,6 +11,7 @@ from app.api import (
     georeference,
     health,
     ingest,
+    jobs,
     locate,
     login,
     phones,
@@ -20,6 +21,7 @@ from app.api import (
     replay,
     sites,
     stream,
+    surveys,
     tokens,
     tracks,
 )
@@ -43,6 +45,8 @@ ROUTERS = (
     beacon_tables.router,
     beacons.router,
     radio_maps.router,
+    surveys.router,
+    jobs.router,
     profiles.router,
     tokens.router,
     devices.router,
@@ -63,7 +67,14 @@ def mount_api(app: FastAPI, cors_origins: tuple[str, ...]) -> None:
             allow_origins=list(cors_origins),
             allow_methods=["*"],
             allow_headers=["*"],
-            expose_headers=["ETag", "Link", "Location", "Retry-After", REQUEST_ID_HEADER],
+            expose_headers=[
+                "ETag",
+                "Link",
+                "Location",
+                "Retry-After",
+                "Upload-Offset",
+                REQUEST_ID_HEADER,
+            ],
         )
     app.add_middleware(RequestIdMiddleware)
 

@@ -6,9 +6,12 @@ from typing import cast
 from starlette.requests import HTTPConnection
 
 from app.services.ingest import IngestService
+from app.services.jobs import JobBoard
 from app.services.planning_queue import PlanQueue
 from app.services.replay import ReplayService
 from app.services.site import SiteDirectory
+from app.services.survey_session import SessionSurveys
+from app.services.survey_uploads import SurveyUploads
 from app.services.tokens import Authenticator
 from app.sessions.hub import Hub
 from app.sessions.ports import Clock
@@ -38,6 +41,9 @@ class ApiContext:
     replays: ReplayService
     authenticator: Authenticator
     plans: PlanQueue
+    jobs: JobBoard
+    uploads: SurveyUploads
+    session_surveys: SessionSurveys
     limits: ApiLimits
     cors_origins: tuple[str, ...]
     login_s: float

@@ -21,7 +21,8 @@ from app.api.fix import report_json
 from app.api.ingest_decode import decode_body
 from app.api.socket import GOING_AWAY, TOO_SLOW, admit, close_socket, next_text
 from app.core.types import Output
-from app.services.errors import AppError
+from app.services.errors import AppError, ErrorCode
+from app.services.jobs import job_content
 from app.sessions.hub import (
     Frames,
     StreamClosedError,
@@ -38,7 +39,7 @@ MAX_SUBSCRIPTIONS = 16
 # What comes in between is joined: a thousand phones a second make ten frames.
 DEFAULT_HZ = 10.0
 # Topics that something publishes; the others are named in the plan but do not exist yet.
-TOPICS = {Topic.FIXES.value: Topic.FIXES, Topic.DEVICES.value: Topic.DEVICES}
+TOPICS = {topic.value: topic for topic in (Topic.FIXES, Topic.DEVICES, Topic.JOBS)}
 
 Id: TypeAlias = Annotated[str, Meta(min_length=1, max_length=64)]
 
@@ -146,6 +147,8 @@ class _Listener:
         if topic is None:
             msg = f"there is no topic {wish.topic!r}; there are {', '.join(TOPICS)}"
             raise FrameError(StreamCode.UNKNOWN_TOPIC, msg)
+        if topic is Topic.JOBS and self._principal.role is Role.DEVICE:
+            raise AppError(ErrorCode.ROLE_FORBIDDEN, "a phone has no part in jobs")
         wanted = _scoped(wish.filter, self._principal)
         if wish.id in self._subscriptions:
             await self._unsubscribe(wish.id)
@@ -154,7 +157,7 @@ class _Listener:
             raise FrameError(StreamCode.TOO_MANY_SUBSCRIPTIONS, msg)
         subscription = self._context.hub.subscribe([topic], wanted)
         self._subscriptions[wish.id] = subscription
-        snapshot = self._snapshot(wanted) if topic is Topic.FIXES else []
+        snapshot = self._snapshot(topic, wanted)
         await self._send({"op": "subscribed", "id": wish.id, "snapshot": snapshot})
         pause_s = 1.0 / (wish.filter.max_hz or DEFAULT_HZ)
         task = asyncio.create_task(self._drain(wish.id, subscription, pause_s))
@@ -168,7 +171,12 @@ class _Listener:
             raise FrameError(StreamCode.UNKNOWN_SUBSCRIPTION, msg)
         subscription.close()
 
-    def _snapshot(self, wanted: StreamFilter) -> list[dict[str, Any]]:
+    def _snapshot(self, topic: Topic, wanted: StreamFilter) -> list[Any]:
+        if topic is Topic.JOBS:
+            live = self._context.jobs.live
+            return [job_content(job) for job in live if wanted.covers(job.site_id, None)]
+        if topic is not Topic.FIXES:
+            return []
         site_ids = [wanted.site_id] if wanted.site_id else self._context.directory.site_ids()
         return [
             self._report(device_id, site_id, output)

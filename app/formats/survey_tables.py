@@ -74,7 +74,7 @@ def read_long_csv(
 ) -> Iterator[Surveyed | Unusable]:
     """Yield the points of our own CSV; rows of a point that stand together make a fingerprint."""
     rows = iter(lines)
-    header = _cells(next(rows)[1].removeprefix(b"\xef\xbb\xbf"))
+    header = _header(rows)
     missing = set(NEEDED) - set(header)
     if missing or set(header) - {*NEEDED, *OPTIONAL}:
         msg = f"the header has to be {','.join(NEEDED)} and, if need be, walk"
@@ -124,7 +124,7 @@ def read_wide_csv(
 ) -> Iterator[Surveyed | Unusable]:
     """Yield the points of a wide table: a column per access point, 100 where it was not heard."""
     rows = iter(lines)
-    header = _wide_header(_cells(next(rows)[1].removeprefix(b"\xef\xbb\xbf")))
+    header = _wide_header(_header(rows))
     for line_number, raw in rows:
         try:
             yield _wide_point(header, _cells(raw), frame, f"row {line_number - 1}")
@@ -141,7 +141,12 @@ def _wide_header(names: list[str]) -> _WideHeader:
     if not any(x in columns and y in columns for x, y in places) or "FLOOR" not in columns:
         msg = "a wide table needs the columns FLOOR and X, Y or LONGITUDE, LATITUDE"
         raise UploadError(msg)
-    return _WideHeader(columns, tuple((i, _wap_key(c)) for i, c in access_points), len(names))
+    try:
+        keyed = tuple((i, _wap_key(column)) for i, column in access_points)
+    except ValueError as error:
+        msg = f"the header names no access point: {error}"
+        raise UploadError(msg) from error
+    return _WideHeader(columns, keyed, len(names))
 
 
 def _is_wap(column: str) -> bool:
@@ -217,6 +222,14 @@ def _anyplace_point(key: tuple[str, ...], frame: SurveyFrame, point: str) -> Gat
     x_m, y_m = frame.globe_place(floor, number(lat, "X"), number(lon, "Y"))
     time_s = number(time, "the timestamp") / 1000.0
     return GatheredPoint(point, floor, x_m, y_m, time_s=time_s)
+
+
+def _header(rows: Iterator[tuple[int, bytes]]) -> list[str]:
+    try:
+        return _cells(next(rows)[1].removeprefix(b"\xef\xbb\xbf"))
+    except (ValueError, csv.Error, StopIteration) as error:
+        msg = f"the header cannot be read ({error})"
+        raise UploadError(msg) from error
 
 
 def _cells(raw: bytes) -> list[str]:

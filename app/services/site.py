@@ -74,7 +74,7 @@ class SiteDirectory:
             self._georeferences = {
                 site_id: georeference
                 for site_id, site in stored.items()
-                if (georeference := _georeference(site)) is not None
+                if (georeference := stored_georeference(site)) is not None
             }
 
 
@@ -89,7 +89,7 @@ def load_site_model(connection: Connection, site_id: str) -> SiteModel | None:
     if site is None:
         return None
     stored = floors.floors_of_site(connection, site_id)
-    georeference = _georeference(site)
+    georeference = stored_georeference(site)
     radio_map = radio_maps.load_active(connection, site_id)
     return SiteModel(
         site_id=site_id,
@@ -101,7 +101,8 @@ def load_site_model(connection: Connection, site_id: str) -> SiteModel | None:
     )
 
 
-def _georeference(site: StoredSite) -> Georeference | None:
+def stored_georeference(site: StoredSite) -> Georeference | None:
+    """Return where a stored site lies on the globe, None if nobody has said."""
     if site.georeference is None:
         return None
     return fit_georeference(control_points(site.georeference))

@@ -1,0 +1,50 @@
+"""``/v1/jobs``: long work, how far it is, and what came of it."""
+
+from typing import Any, Literal
+
+from pydantic import BaseModel
+
+from app.api.auth import check_site
+from app.api.fix import iso_time
+from app.api.resource import Context, Reader, registry_router
+from app.services.errors import found
+from app.storage.jobs import StoredJob
+
+router = registry_router("/v1/jobs", "jobs")
+
+
+class Job(BaseModel):
+    """Long work; `progress` grows while it runs, then there is a `result` or a `problem`."""
+
+    job_id: str
+    site_id: str
+    kind: str
+    state: Literal["receiving", "waiting", "running", "done", "failed"]
+    progress: dict[str, int]
+    result: dict[str, Any] | None
+    problem: dict[str, Any] | None
+    created: str
+    ended: str | None
+
+
+def job_view(job: StoredJob) -> Job:
+    """Return a job as users see it."""
+    return Job(
+        job_id=job.job_id,
+        site_id=job.site_id,
+        kind=job.kind,
+        state=job.state,  # type: ignore[arg-type]  # the table's check constraint
+        progress=job.progress,
+        result=job.result,
+        problem=job.problem,
+        created=iso_time(job.created_s),
+        ended=None if job.ended_s is None else iso_time(job.ended_s),
+    )
+
+
+@router.get("/{job_id}")
+async def get_job(job_id: str, principal: Reader, context: Context) -> Job:
+    """Return how a job stands."""
+    job = found(await context.jobs.get(job_id), "job", job_id)
+    check_site(principal, job.site_id)
+    return job_view(job)

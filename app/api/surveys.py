@@ -1,0 +1,229 @@
+"""``/v1/surveys``: what surveyors brought home; uploaded in any known format, listed, deleted."""
+
+from collections.abc import AsyncIterator
+from typing import Annotated, Any
+
+from fastapi import Depends, Query, Request, Response
+from pydantic import BaseModel, Field
+from starlette.requests import ClientDisconnect
+
+from app.api.auth import Principal, Role, check_site, require
+from app.api.fix import iso_time
+from app.api.jobs import Job, job_view
+from app.api.multipart import boundary_of, file_part
+from app.api.paging import Page, Paging, page_of
+from app.api.resource import (
+    Context,
+    Name,
+    Reader,
+    Reference,
+    StrictModel,
+    Text,
+    listed_site,
+    registry_router,
+)
+from app.services.errors import AppError, ErrorCode, found
+from app.services.survey_session import SessionSurvey
+from app.services.survey_uploads import UploadRequest
+from app.services.writing import write
+from app.storage import surveys
+from app.storage.jobs import StoredJob
+from app.storage.surveys import StoredSurvey
+
+router = registry_router("/v1/surveys", "surveys")
+
+Surveyor = Annotated[Principal, Depends(require(Role.SURVEYOR))]
+FloorQuery = Annotated[
+    Reference | None, Query(description="Floor of all of it, whatever its records say")
+]
+BODY = {
+    "requestBody": {
+        "required": True,
+        "description": "The file as it is, or as the one file of a form; plain, gzip, xz or zip.",
+        "content": {
+            media_type: {"schema": {"type": "string", "format": "binary"}}
+            for media_type in ("application/octet-stream", "multipart/form-data")
+        },
+    }
+}
+
+
+class FloorHolding(BaseModel):
+    """What a survey holds of one floor."""
+
+    floor_id: str
+    walks: int
+    scans: int
+    fingerprints: int
+    transmitters: int
+    first: str | None
+    last: str | None
+
+
+class Survey(BaseModel):
+    """A stored survey; `unusable` counts, by reason, what of the upload was left out."""
+
+    survey_id: str
+    site_id: str
+    name: str
+    format: str
+    device_id: str | None
+    device_model: str | None
+    created: str
+    floors: list[FloorHolding]
+    unusable: dict[str, Any] | None
+
+
+class NewUpload(StrictModel):
+    """An upload in pieces: of which site, and how long the file is."""
+
+    site_id: Reference
+    name: Text = ""
+    floor_id: Reference | None = None
+    total_bytes: Annotated[int, Field(gt=0)]
+
+
+class FromSession(StrictModel):
+    """A session whose app posted `truth` records; `session` left out: the newest."""
+
+    device_id: Reference
+    session: Name | None = None
+    name: Text = ""
+
+
+@router.post("", status_code=202, openapi_extra=BODY)
+async def upload_survey(
+    request: Request,
+    response: Response,
+    principal: Surveyor,
+    context: Context,
+    site_id: Reference,
+    name: Text = "",
+    floor_id: FloorQuery = None,
+) -> Job:
+    """Receive a survey in one go; a job then reads it."""
+    check_site(principal, site_id)
+    job = await context.uploads.begin(UploadRequest(site_id, name, floor_id))
+    try:
+        boundary = boundary_of(request.headers.get("content-type", ""))
+        body = _body(request)
+        pieces = body if boundary is None else file_part(body, boundary)
+        await context.uploads.append(job.job_id, 0, pieces)
+    except AppError as error:
+        await context.uploads.abandon(job.job_id, str(error))
+        raise
+    return _accepted(response, await context.uploads.finish(job.job_id))
+
+
+@router.post("/uploads", status_code=201)
+async def begin_upload(
+    body: NewUpload, response: Response, principal: Surveyor, context: Context
+) -> Job:
+    """Begin an upload in pieces, which can be continued after a broken connection."""
+    check_site(principal, body.site_id)
+    request = UploadRequest(body.site_id, body.name, body.floor_id, body.total_bytes)
+    job = await context.uploads.begin(request)
+    response.headers["Location"] = f"/v1/surveys/uploads/{job.job_id}"
+    return job_view(job)
+
+
+@router.patch("/uploads/{job_id}", status_code=202, openapi_extra=BODY)
+async def continue_upload(
+    job_id: str,
+    request: Request,
+    response: Response,
+    principal: Surveyor,
+    context: Context,
+    offset: Annotated[int, Query(ge=0, description="`received_bytes` of the job so far")],
+) -> Job:
+    """Send the next bytes of an upload; with the last one the job reads it."""
+    check_site(principal, context.uploads.site_of(job_id))
+    return _accepted(response, await context.uploads.append(job_id, offset, _body(request)))
+
+
+@router.post("/from-session", status_code=201)
+async def survey_from_session(
+    body: FromSession, response: Response, principal: Surveyor, context: Context
+) -> Survey:
+    """Take a session, with the places that its surveyor stated, as a survey."""
+    asked = SessionSurvey(body.device_id, body.session, body.name)
+    stored = await context.session_surveys.take(principal, asked)
+    response.headers["Location"] = f"/v1/surveys/{stored.survey_id}"
+    return _view(stored)
+
+
+@router.get("")
+async def list_surveys(
+    principal: Reader, context: Context, paging: Paging, site_id: str | None = None
+) -> Page[Survey]:
+    """List surveys by id."""
+    site = listed_site(principal, site_id)
+    rows = await context.database.read(
+        lambda c: surveys.list_surveys(c, site_id=site, after=paging.after, limit=paging.limit)
+    )
+    return page_of(rows, paging.limit, lambda survey: survey.survey_id, _view)
+
+
+@router.get("/{survey_id}")
+async def get_survey(survey_id: str, principal: Reader, context: Context) -> Survey:
+    """Return what a survey holds, and what of its upload could not be used."""
+    return _view(await _in_scope(survey_id, principal, context))
+
+
+@router.delete("/{survey_id}", status_code=204)
+async def delete_survey(survey_id: str, principal: Surveyor, context: Context) -> None:
+    """Remove a survey; radio maps that were built from it stay."""
+    await _in_scope(survey_id, principal, context)
+    gone = await write(context.database, lambda c: surveys.delete_survey(c, survey_id))
+    found(gone or None, "survey", survey_id)
+
+
+async def _in_scope(survey_id: str, principal: Principal, context: Context) -> StoredSurvey:
+    stored = found(
+        await context.database.read(lambda c: surveys.get_survey(c, survey_id)), "survey", survey_id
+    )
+    check_site(principal, stored.site_id)
+    return stored
+
+
+def _accepted(response: Response, job: StoredJob) -> Job:
+    response.headers["Location"] = f"/v1/jobs/{job.job_id}"
+    response.headers["Upload-Offset"] = str(job.progress["received_bytes"])
+    return job_view(job)
+
+
+async def _body(request: Request) -> AsyncIterator[bytes]:
+    try:
+        async for chunk in request.stream():
+            yield chunk
+    except ClientDisconnect as error:
+        raise AppError(ErrorCode.MALFORMED_BODY, "the body broke off") from error
+
+
+def _view(survey: StoredSurvey) -> Survey:
+    return Survey(
+        survey_id=survey.survey_id,
+        site_id=survey.site_id,
+        name=survey.name,
+        format=survey.survey_format,
+        device_id=survey.device_id,
+        device_model=survey.device_model,
+        created=iso_time(survey.created_s),
+        floors=[
+            FloorHolding(
+                floor_id=holding.floor_id,
+                walks=holding.walks,
+                scans=holding.scans,
+                fingerprints=holding.fingerprints,
+                transmitters=holding.transmitters,
+                first=_iso(holding.first_s),
+                last=_iso(holding.last_s),
+            )
+            for holding in survey.holdings
+        ],
+        unusable=survey.unusable,
+    )
+
+
+def _iso(time_s: float | None) -> str | None:
+    return None if time_s is None else iso_time(time_s)
