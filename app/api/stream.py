@@ -19,10 +19,10 @@ from app.api.auth import READERS, Principal, Role, check_device, check_site, ide
 from app.api.context import ApiContext, context_of
 from app.api.fix import report_json
 from app.api.ingest_decode import decode_body
+from app.api.jobs import job_view
 from app.api.socket import GOING_AWAY, TOO_SLOW, admit, close_socket, next_text
 from app.core.types import Output
 from app.services.errors import AppError, ErrorCode
-from app.services.jobs import job_content
 from app.sessions.hub import (
     Frames,
     StreamClosedError,
@@ -31,6 +31,7 @@ from app.sessions.hub import (
     Subscription,
     Topic,
 )
+from app.storage.jobs import StoredJob
 
 router = APIRouter()
 
@@ -174,7 +175,7 @@ class _Listener:
     def _snapshot(self, topic: Topic, wanted: StreamFilter) -> list[Any]:
         if topic is Topic.JOBS:
             live = self._context.jobs.live
-            return [job_content(job) for job in live if wanted.covers(job.site_id, None)]
+            return [_content(job) for job in live if wanted.covers(job.site_id, None)]
         if topic is not Topic.FIXES:
             return []
         site_ids = [wanted.site_id] if wanted.site_id else self._context.directory.site_ids()
@@ -208,7 +209,7 @@ class _Listener:
     def _event_frames(self, name: str, frames: Frames) -> Iterator[dict[str, Any]]:
         for event in frames.events:
             eid = str(event.event_id)
-            yield {"op": "event", "id": name, "eid": eid, "data": [event.content]}
+            yield {"op": "event", "id": name, "eid": eid, "data": [_content(event.content)]}
         if frames.outputs:
             reports = [self._report(o.device_id, o.site_id, o.output) for o in frames.outputs]
             yield {"op": "event", "id": name, "data": reports}
@@ -238,6 +239,11 @@ def _scoped(wanted: Wanted, principal: Principal) -> StreamFilter:
     return StreamFilter(
         site_id, None if device_ids is None else frozenset(device_ids), wanted.floor_id
     )
+
+
+def _content(content: object) -> object:
+    """Return what an event speaks of as a client gets it from the routes, too."""
+    return job_view(content).model_dump() if isinstance(content, StoredJob) else content
 
 
 def _name_in(body: bytes) -> str | None:

@@ -33,9 +33,6 @@ from app.storage.surveys import StoredSurvey
 router = registry_router("/v1/surveys", "surveys")
 
 Surveyor = Annotated[Principal, Depends(require(Role.SURVEYOR))]
-FloorQuery = Annotated[
-    Reference | None, Query(description="Floor of all of it, whatever its records say")
-]
 BODY = {
     "requestBody": {
         "required": True,
@@ -74,12 +71,17 @@ class Survey(BaseModel):
     unusable: dict[str, Any] | None
 
 
-class NewUpload(StrictModel):
-    """An upload in pieces: of which site, and how long the file is."""
+class UploadQuery(StrictModel):
+    """What an upload is of; `floor_id` is the floor of all of it, whatever its records say."""
 
     site_id: Reference
     name: Text = ""
     floor_id: Reference | None = None
+
+
+class NewUpload(UploadQuery):
+    """An upload in pieces: also how long the file is."""
+
     total_bytes: Annotated[int, Field(gt=0)]
 
 
@@ -97,13 +99,12 @@ async def upload_survey(
     response: Response,
     principal: Surveyor,
     context: Context,
-    site_id: Reference,
-    name: Text = "",
-    floor_id: FloorQuery = None,
+    asked: Annotated[UploadQuery, Query()],
 ) -> Job:
     """Receive a survey in one go; a job then reads it."""
-    check_site(principal, site_id)
-    job = await context.uploads.begin(UploadRequest(site_id, name, floor_id))
+    check_site(principal, asked.site_id)
+    wanted = UploadRequest(asked.site_id, asked.name, asked.floor_id)
+    job = await context.uploads.begin(wanted)
     try:
         boundary = boundary_of(request.headers.get("content-type", ""))
         body = _body(request)

@@ -126,7 +126,7 @@ def _zip_members(file: IO[bytes], budget: Budget) -> Iterator[Member | Unusable]
 
 def _check_name(name: str) -> None:
     path = PurePosixPath(name.replace("\\", "/"))
-    if path.is_absolute() or ".." in path.parts or ":" in path.parts[:1]:
+    if path.is_absolute() or ".." in path.parts or name[1:2] == ":":
         msg = f"the archive names a file outside of itself: {name[:100]!r}"
         raise UploadError(msg)
 

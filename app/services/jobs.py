@@ -60,19 +60,4 @@ class JobBoard:
             self._live.pop(job.job_id, None)
         else:
             self._live[job.job_id] = job
-        self._hub.publish_event(Topic.JOBS, job_content(job), job.site_id)
-
-
-def job_content(job: StoredJob) -> dict[str, object]:
-    """Return a job as listeners get it; times are seconds since the epoch."""
-    return {
-        "job_id": job.job_id,
-        "site_id": job.site_id,
-        "kind": job.kind,
-        "state": job.state,
-        "progress": job.progress,
-        "result": job.result,
-        "problem": job.problem,
-        "created_s": job.created_s,
-        "ended_s": job.ended_s,
-    }
+        self._hub.publish_event(Topic.JOBS, job, job.site_id)

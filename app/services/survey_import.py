@@ -1,7 +1,7 @@
-"""A received file becomes a stored survey, or nothing: parsed by another process, stored in strides.
+"""A received file becomes a stored survey, or nothing: another process parses it.
 
-The survey is hidden while its records come in and shown by the last transaction; whatever ends the
-import before that removes them.
+Its records are stored in strides, and hidden while they come in; the last transaction shows
+the survey, and whatever ends the import before that removes them.
 """
 
 import asyncio

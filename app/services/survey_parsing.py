@@ -167,7 +167,10 @@ class _FloorTally:
     times: list[float] = field(default_factory=list)
 
     def see(self, *times_s: float) -> None:
-        self.times = [min(self.times + [*times_s]), max(self.times + [*times_s])]
+        self.times = [
+            min(*self.times, *times_s, times_s[0]),
+            max(*self.times, *times_s, times_s[0]),
+        ]
 
 
 @dataclass(slots=True)

@@ -68,7 +68,7 @@ class SurveyUploads:
         self._database = database
         self._board = board
         self._importer = importer
-        self._spool = spool
+        self.spool = spool
         self._uploads: dict[str, _Upload] = {}
         self._imports: set[asyncio.Task[None]] = set()
 
@@ -84,11 +84,11 @@ class SurveyUploads:
             detail = f"{MAX_OPEN} uploads are open or waiting; finish one first"
             raise AppError(ErrorCode.TOO_MANY_REQUESTS, detail, retry_after_s=30)
         if (request.total_bytes or 0) > self.limit_bytes:
-            raise self._too_large()
+            raise _too_large(self.limit_bytes)
         frame = await self._database.read(partial(survey_frame, request=request))
         job = await self._board.open(KIND, request.site_id, "receiving")
         job = replace(job, progress={"total_bytes": request.total_bytes or 0, "received_bytes": 0})
-        path = self._spool / job.job_id
+        path = self.spool / job.job_id
         await asyncio.to_thread(path.touch)
         self._uploads[job.job_id] = _Upload(job, request, frame, path, self._board.now_s)
         await self._board.update(job)
@@ -101,7 +101,8 @@ class SurveyUploads:
         """
         upload = self._open(job_id)
         if upload.receiving.locked():
-            raise AppError(ErrorCode.CONFLICT, "another request is sending this upload now")
+            detail = "another request is sending this upload now"
+            raise AppError(ErrorCode.CONFLICT, detail)
         async with upload.receiving:
             if offset != upload.received:
                 detail = f"the upload continues at offset {upload.received}"
@@ -157,7 +158,7 @@ class SurveyUploads:
             file.seek(upload.received)
             async for piece in pieces:
                 if upload.received + len(piece) > limit:
-                    raise self._too_large(limit)
+                    raise _too_large(limit)
                 await asyncio.to_thread(file.write, piece)
                 upload.received += len(piece)
 
@@ -170,16 +171,18 @@ class SurveyUploads:
     def _open(self, job_id: str) -> _Upload:
         upload = self._uploads.get(job_id)
         if upload is None:
-            raise not_found("open upload", job_id)
+            what = "open upload"
+            raise not_found(what, job_id)
         return upload
 
     def site_of(self, job_id: str) -> str:
         """Return the site of an open upload."""
         return self._open(job_id).request.site_id
 
-    def _too_large(self, limit: int | None = None) -> AppError:
-        detail = f"the upload is longer than {limit or self.limit_bytes} bytes"
-        return AppError(ErrorCode.BODY_TOO_LARGE, detail)
+
+def _too_large(limit_bytes: int) -> AppError:
+    detail = f"the upload is longer than {limit_bytes} bytes"
+    return AppError(ErrorCode.BODY_TOO_LARGE, detail)
 
 
 def survey_frame(connection: Connection, request: UploadRequest) -> SurveyFrame:
@@ -199,8 +202,10 @@ def survey_frame(connection: Connection, request: UploadRequest) -> SurveyFrame:
         for floor in floors.floors_of_site(connection, request.site_id)
     )
     if not known:
-        raise AppError(ErrorCode.INVALID_FIELD, f"site {request.site_id!r} has no floors yet")
+        pointer, detail = "#/site_id", f"site {request.site_id!r} has no floors yet"
+        raise invalid_field(pointer, detail)
     chosen = request.floor_id
     if chosen is not None and chosen not in {floor.floor_id for floor in known}:
-        raise invalid_field("#/floor_id", f"site {request.site_id!r} has no floor {chosen!r}")
+        pointer, detail = "#/floor_id", f"site {request.site_id!r} has no floor {chosen!r}"
+        raise invalid_field(pointer, detail)
     return SurveyFrame(known, stored_georeference(site), chosen)
