@@ -95,6 +95,8 @@ EXAMPLES: dict[tuple[str, str], Example] = {
             }
         ]
     },
+    ("post", "/v1/surveys/uploads"): {"site_id": "hall", "name": "May", "total_bytes": 1000},
+    ("post", "/v1/surveys/from-session"): {"device_id": "phone-7", "name": "Ground floor"},
     ("post", "/v1/tokens"): {
         "name": "Phones of the hall",
         "role": "device",
