@@ -91,6 +91,8 @@ async def main() -> None:
         server = uvicorn.Server(uvicorn.Config(create_app(settings), **uvicorn_options(settings)))
         serving = asyncio.create_task(server.serve())
         while not server.started:
+            if serving.done():
+                return
             await asyncio.sleep(0.1)
         await measure(settings.port, token, megabytes)
         server.should_exit = True

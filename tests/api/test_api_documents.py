@@ -143,7 +143,8 @@ def test_the_docs_name_the_routes_that_there_are(document: dict[str, Any]) -> No
 async def test_the_examples_of_openapi_are_taken_one_after_the_other(server: ApiServer) -> None:
     ids = {"site_id": "hall", "floor_id": "hall-0", "beacon_id": "entrance", "device_id": "phone-7"}
     async with server.client("admin") as client:
-        walked = batch(ble_record(6.0, 4.0, NOW_S * 1000.0), site="lab")
+        truth = {"k": "truth", "t_ms": NOW_S * 1000.0, "floor_id": "lab-0", "x": 6.0, "y": 4.0}
+        walked = batch(ble_record(6.0, 4.0, NOW_S * 1000.0), truth, site="lab")
         assert (await client.post("/v1/ingest", json=walked)).status_code == 200
         for (method, path), example in EXAMPLES.items():
             body = {"token": server.secrets["admin"]} if path == "/v1/login" else example

@@ -251,7 +251,7 @@ def _session_records() -> Iterator[dict[str, object]]:
     start_ms = 1_795_314_000_000
     for i in range(5):
         yield ble_record(2.0 + i, 5.0, start_ms + 200.0 * i)
-        yield {"k": "steps", "t_ms": start_ms + 200.0 * i, "count": 1, "heading_deg": 90.0}
+        yield {"k": "step", "t_ms": start_ms + 200.0 * i, "heading_deg": 90.0}
     for i, x in ((0, 2.0), (4, 6.0)):
         truth = {"k": "truth", "t_ms": start_ms + 200.0 * i, "floor_id": "lab-0", "x": x, "y": 5.0}
         yield truth
@@ -259,8 +259,8 @@ def _session_records() -> Iterator[dict[str, object]]:
 
 async def test_a_session_with_truths_becomes_a_walk(server: ApiServer):
     async with server.client("surveyor") as client:
-        reply = await client.post("/v1/ingest", json=batch(*_session_records(), site_id="lab"))
-        assert reply.status_code == 202, reply.text
+        reply = await client.post("/v1/ingest", json=batch(*_session_records(), site="lab"))
+        assert reply.status_code == 200, reply.text
         wish = {"device_id": "phone-7", "session": "walk-1"}
         taken = await client.post("/v1/surveys/from-session", json=wish)
         assert taken.status_code == 201, taken.text
@@ -272,7 +272,7 @@ async def test_a_session_with_truths_becomes_a_walk(server: ApiServer):
         assert (await client.post("/v1/surveys/from-session", json=missing)).status_code == 404
         await client.post(
             "/v1/ingest",
-            json=batch(*list(_session_records())[:10], session="untold", site_id="lab"),
+            json=batch(*list(_session_records())[:10], session="untold", site="lab"),
         )
         nothing = await client.post("/v1/surveys/from-session", json={**wish, "session": "untold"})
         assert nothing.status_code == 422
