@@ -82,7 +82,7 @@ def opened(file: IO[bytes], head: bytes, budget: Budget) -> BufferedReader:
     if head.startswith(b"\x1f\x8b"):
         return BufferedReader(_Decompressed(file, budget, _GzipDecoder), _CHUNK_BYTES)
     if head.startswith(b"\xfd7zXZ"):
-        return BufferedReader(_Decompressed(file, budget, _xz_decoder), _CHUNK_BYTES)
+        return BufferedReader(_Decompressed(file, budget, _XzDecoder), _CHUNK_BYTES)
     return BufferedReader(_Plain(file, budget), _CHUNK_BYTES)
 
 
@@ -156,12 +156,12 @@ class _Decoder(Protocol):
     @property
     def needs_input(self) -> bool: ...
     @property
-    def unused_data(self) -> bytes: ...
-    def decompress(self, data: bytes, max_length: int) -> bytes: ...
+    def rest(self) -> bytes: ...
+    def decompress(self, packed: bytes, max_length: int) -> bytes: ...
 
 
 class _GzipDecoder:
-    """zlib's decoder of one gzip stream, with the manners of lzma's."""
+    """zlib's decoder of one gzip stream, decoded as it is asked for."""
 
     def __init__(self) -> None:
         self._zlib = zlib.decompressobj(_GZIP)
@@ -177,13 +177,13 @@ class _GzipDecoder:
         return not self._zlib.unconsumed_tail
 
     @property
-    def unused_data(self) -> bytes:
+    def rest(self) -> bytes:
         """Return what came after the end of the stream."""
         return self._zlib.unused_data
 
-    def decompress(self, data: bytes, max_length: int) -> bytes:
+    def decompress(self, packed: bytes, max_length: int) -> bytes:
         """Return up to ``max_length`` decoded bytes."""
-        return self._zlib.decompress(self._zlib.unconsumed_tail + data, max_length)
+        return self._zlib.decompress(self._zlib.unconsumed_tail + packed, max_length)
 
 
 class _Decompressed(RawIOBase):
@@ -228,7 +228,7 @@ class _Decompressed(RawIOBase):
 
     def _begin_next(self) -> bool:
         # Zeros after a stream are padding.
-        rest = self._decoder.unused_data.lstrip(b"\0")
+        rest = self._decoder.rest.lstrip(b"\0")
         while not rest and (more := self._file.read(_CHUNK_BYTES)):
             rest = more.lstrip(b"\0")
         if rest:
@@ -237,5 +237,27 @@ class _Decompressed(RawIOBase):
         return bool(rest)
 
 
-def _xz_decoder() -> _Decoder:
-    return lzma.LZMADecompressor(lzma.FORMAT_XZ, memlimit=_XZ_MEMORY_BYTES)
+class _XzDecoder:
+    """lzma's decoder of one xz stream, of bounded memory."""
+
+    def __init__(self) -> None:
+        self._lzma = lzma.LZMADecompressor(lzma.FORMAT_XZ, memlimit=_XZ_MEMORY_BYTES)
+
+    @property
+    def eof(self) -> bool:
+        """Tell whether the stream is over."""
+        return self._lzma.eof
+
+    @property
+    def needs_input(self) -> bool:
+        """Tell whether all that was handed over is decoded."""
+        return self._lzma.needs_input
+
+    @property
+    def rest(self) -> bytes:
+        """Return what came after the end of the stream."""
+        return self._lzma.unused_data
+
+    def decompress(self, packed: bytes, max_length: int) -> bytes:
+        """Return up to ``max_length`` decoded bytes."""
+        return self._lzma.decompress(packed, max_length)

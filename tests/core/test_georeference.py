@@ -53,3 +53,14 @@ def test_two_points_give_rotation_scale_and_shift() -> None:
 def test_points_that_span_nothing_are_refused(points: list[ControlPoint]) -> None:
     with pytest.raises(ValueError, match=r"control points|one line"):
         fit_georeference(points)
+
+
+def test_a_place_goes_to_the_globe_and_back() -> None:
+    points = [
+        ControlPoint(0.0, 0.0, 52.5, 13.3),
+        ControlPoint(60.0, 5.0, 52.5003, 13.3009),
+        ControlPoint(-5.0, 40.0, 52.5004, 13.2997),
+    ]
+    georeference = fit_georeference(points)
+    back = georeference.from_wgs84(*georeference.to_wgs84(17.0, -3.0))
+    assert back == pytest.approx((17.0, -3.0), abs=1e-6)
