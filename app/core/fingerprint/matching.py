@@ -38,9 +38,8 @@ class Matches:
     ----------
     row, distance, weight, floor_index, x_m, y_m : (k,)
         Rows of the map, their distances D, their weights (sum 1) and places.
-    nearest_sorensen
-        Sørensen distance of the nearest row, on Wi-Fi (on BLE where no Wi-Fi was heard): how well
-        the map knows what is heard, 0 to 1.
+    sorensen : (k,)
+        Their Sørensen distances on Wi-Fi (on BLE where no Wi-Fi was heard).
     """
 
     row: IntArray
@@ -49,7 +48,12 @@ class Matches:
     floor_index: IntArray
     x_m: FloatArray
     y_m: FloatArray
-    nearest_sorensen: float
+    sorensen: FloatArray
+
+    @property
+    def nearest_sorensen(self) -> float:
+        """Least Sørensen distance: how well the map knows what is heard, 0 to 1."""
+        return float(self.sorensen.min())
 
 
 @lru_cache(maxsize=32)
@@ -135,7 +139,7 @@ def match(query: Query, radio_map: RadioMap, params: MatchParams) -> Matches | N
         floor_index=radio_map.floor_index[row],
         x_m=radio_map.x_m[row],
         y_m=radio_map.y_m[row],
-        nearest_sorensen=float(sorensen[row].min()),
+        sorensen=sorensen[row],
     )
 
 

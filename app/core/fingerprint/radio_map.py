@@ -1,12 +1,12 @@
 """The radio map: a site's fingerprints as one immutable sparse matrix with an inverted index."""
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
 
-from app.core.types import FloatArray, IntArray
+from app.core.types import BoolArray, FloatArray, IntArray
 
 WIFI, BLE = 0, 1
 
@@ -100,18 +100,37 @@ class RadioMap:
         if not keep.any():
             msg = f"the radio map knows floors {self.floor_ids}, none of {tuple(floor_ids)}"
             raise ValueError(msg)
+        renamed = replace(self, floor_ids=tuple(floor_ids), floor_index=floor_index)
+        return renamed.of_rows(keep)
+
+    def of_rows(self, keep: BoolArray) -> "RadioMap":
+        """Return the map with these rows (rows,) only; columns stay, heard or not."""
         entries = np.repeat(keep, np.diff(self.row_start))
-        lengths = np.diff(self.row_start)[keep]
-        return RadioMap(
-            floor_ids=tuple(floor_ids),
-            floor_index=floor_index[keep],
+        return replace(
+            self,
+            floor_index=self.floor_index[keep],
             x_m=self.x_m[keep],
             y_m=self.y_m[keep],
             survey_walks=tuple(w for w, k in zip(self.survey_walks, keep, strict=True) if k),
-            transmitters=self.transmitters,
-            radio=self.radio,
-            row_start=np.concatenate(([0], np.cumsum(lengths))),
+            row_start=np.concatenate(([0], np.cumsum(np.diff(self.row_start)[keep]))),
             column=self.column[entries],
+            rssi_dbm=self.rssi_dbm[entries],
+        )
+
+    def without_transmitters(self, keys: Collection[str]) -> "RadioMap":
+        """Return the map as if these transmitters were not there; rows stay, though silent."""
+        keep = np.array([key not in keys for key in self.transmitters], dtype=np.bool_)
+        if keep.all():
+            return self
+        entries = keep[self.column]
+        rows = np.repeat(np.arange(self.rows), np.diff(self.row_start))[entries]
+        counts = np.bincount(rows, minlength=self.rows)
+        return replace(
+            self,
+            transmitters=tuple(t for t, k in zip(self.transmitters, keep, strict=True) if k),
+            radio=self.radio[keep],
+            row_start=np.concatenate(([0], np.cumsum(counts))),
+            column=(np.cumsum(keep) - 1)[self.column[entries]],
             rssi_dbm=self.rssi_dbm[entries],
         )
 

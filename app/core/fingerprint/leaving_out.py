@@ -1,0 +1,99 @@
+"""A radio map asked about itself: each surveyed scan matched as if its own walk were not there."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from app.core.fingerprint.matching import Matches, match
+from app.core.fingerprint.query import Query
+from app.core.fingerprint.radio_map import WIFI, RadioMap
+from app.core.fingerprint.virtual import VIRTUAL_WALK
+from app.core.params import MatchParams
+from app.core.types import BoolArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SingleFix:
+    """What one scan alone says of the place.
+
+    Attributes
+    ----------
+    floor_index, x_m, y_m
+        Floor of most weight, and the weighted mean of the candidates on it.
+    spread_m
+        Root of the candidates' weighted mean square distance from that place.
+    floor_share
+        Weight of the candidates on that floor.
+    """
+
+    floor_index: int
+    x_m: float
+    y_m: float
+    spread_m: float
+    floor_share: float
+
+
+def single_fix(matches: Matches) -> SingleFix:
+    """Return the place that the candidates of one scan agree on."""
+    votes = np.bincount(matches.floor_index, matches.weight)
+    floor_index = int(np.argmax(votes))
+    here = matches.floor_index == floor_index
+    weight = matches.weight[here] / votes[floor_index]
+    x_m, y_m = float(weight @ matches.x_m[here]), float(weight @ matches.y_m[here])
+    apart_m2 = (matches.x_m[here] - x_m) ** 2 + (matches.y_m[here] - y_m) ** 2
+    return SingleFix(
+        floor_index, x_m, y_m, float(np.sqrt(weight @ apart_m2)), float(votes[floor_index])
+    )
+
+
+def is_surveyed(radio_map: RadioMap) -> BoolArray:
+    """Return which rows (rows,) somebody walked, and not virtual ones."""
+    return np.array([walk != VIRTUAL_WALK for walk in radio_map.survey_walks], dtype=np.bool_)
+
+
+def query_of(radio_map: RadioMap, row: int) -> Query:
+    """Return what was heard at a row."""
+    wifi_dbm: dict[str, float] = {}
+    ble_dbm: dict[str, float] = {}
+    for entry in range(radio_map.row_start[row], radio_map.row_start[row + 1]):
+        column = radio_map.column[entry]
+        levels = wifi_dbm if radio_map.radio[column] == WIFI else ble_dbm
+        levels[radio_map.transmitters[column]] = float(radio_map.rssi_dbm[entry])
+    return Query(wifi_dbm, ble_dbm)
+
+
+def left_out_matches(
+    radio_map: RadioMap, params: MatchParams
+) -> Iterator[tuple[Query, Matches | None]]:
+    """Yield for each row its query, and what of the other walks' rows it resembles.
+
+    The matcher is asked for as many candidates more as the longest walk has rows, and the walk's
+    own are dropped: exactly what a map without that walk would answer. None where no other walk
+    heard any of it. Take virtual rows out of ``radio_map`` first: they are made of all walks.
+    """
+    names = {walk: i for i, walk in enumerate(dict.fromkeys(radio_map.survey_walks))}
+    walk = np.array([names[name] for name in radio_map.survey_walks], dtype=np.int64)
+    longest = int(np.bincount(walk).max()) if len(walk) else 0
+    wider = replace(params, k=params.k + longest)
+    for row in range(radio_map.rows):
+        query = query_of(radio_map, row)
+        matches = match(query, radio_map, wider)
+        yield query, None if matches is None else _of_others(matches, walk == walk[row], params)
+
+
+def _of_others(matches: Matches, own: BoolArray, params: MatchParams) -> Matches | None:
+    other = np.flatnonzero(~own[matches.row])[: params.k]
+    if not len(other) or matches.sorensen[other].min() >= 1.0:
+        return None
+    distance = matches.distance[other]
+    weight = np.exp(-(distance - distance[0]) / params.softness)
+    return Matches(
+        row=matches.row[other],
+        distance=distance,
+        weight=weight / weight.sum(),
+        floor_index=matches.floor_index[other],
+        x_m=matches.x_m[other],
+        y_m=matches.y_m[other],
+        sorensen=matches.sorensen[other],
+    )
