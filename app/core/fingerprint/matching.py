@@ -91,7 +91,7 @@ def _crowd(radio_map: RadioMap, within_m: float) -> FloatArray:
     return crowd
 
 
-def represent(rssi_dbm: FloatArray, floor_dbm: float, exponent: float) -> FloatArray:
+def represent(rssi_dbm: FloatArray, floor_dbm: float | FloatArray, exponent: float) -> FloatArray:
     """Return ``((rssi - floor) / -floor) ^ exponent``, 0 at and below the floor.
 
     Powed levels let the strong, near transmitters decide (findings on ms2020 and ujiindoorloc).
