@@ -44,7 +44,7 @@ def evaluate_ms2020(  # noqa: PLR0913 - options of a command
     draw = None if plot is None else _drawing_into(plot)
     profiles = _profiles(profile)
     _known(phone, PHONES, "phone")
-    building = _building(folder, floors)
+    building = chosen_building(folder, floors)
     tasks = ms2020.tasks_of(building, profiles, phone)
     console = Console(stderr=True)
     splits = {task.split for task in tasks}
@@ -101,7 +101,8 @@ def _known(name: str, names: Iterable[str], kind: str) -> None:
         raise CommandError(msg, 2)
 
 
-def _building(folder: Path, floors: str | None) -> BuildingFolder:
+def chosen_building(folder: Path, floors: str | None) -> BuildingFolder:
+    """Read a building, or only some of its floors."""
     try:
         building = read_building(folder)
     except (BuildingFolderError, OSError) as error:
@@ -125,12 +126,13 @@ def _walks(building: BuildingFolder, console: Console) -> list[SurveyWalk]:
         console=console,
         transient=True,
     )
-    return list(_usable(paths, reading, console))
+    return list(usable_walks(paths, reading, console))
 
 
-def _usable(
+def usable_walks(
     paths: Sequence[Path], read: Iterable[SurveyWalk | str], console: Console
 ) -> Iterable[SurveyWalk]:
+    """Yield the walks that can be used, and say of the others why not."""
     for path, walk in zip(paths, read, strict=True):
         if isinstance(walk, SurveyWalk):
             yield walk
