@@ -17,7 +17,7 @@ from app.core.site import Floor, SiteModel
 from app.formats.floor_map import FloorMapError, parse_floor_map
 from app.services.errors import AppError, ErrorCode, FieldError, found
 from app.services.writing import SeenVersions, check_seen, write
-from app.storage import floors, radio_maps, sites
+from app.storage import ageing, floors, radio_maps, sites
 from app.storage.beacons import anchors_of_site
 from app.storage.database import Database
 from app.storage.floors import PlanImage, StoredFloor
@@ -91,6 +91,9 @@ def load_site_model(connection: Connection, site_id: str) -> SiteModel | None:
     stored = floors.floors_of_site(connection, site_id)
     georeference = stored_georeference(site)
     radio_map = radio_maps.load_active(connection, site_id)
+    if radio_map is not None:
+        aged = ageing.quarantined_of_active(connection, site_id)
+        radio_map = radio_map.without_transmitters(aged)
     return SiteModel(
         site_id=site_id,
         version=site.model_version,

@@ -272,6 +272,24 @@ RADIO_MAPS = Table(
     ),
 )
 
+AGED_TRANSMITTERS = Table(
+    "aged_transmitters",
+    METADATA,
+    Column(
+        "radio_map_id", String, ForeignKey("radio_maps.id", ondelete="CASCADE"), primary_key=True
+    ),
+    Column("key", String, primary_key=True),
+    Column("change", String, nullable=False),
+    Column("residual", Double, nullable=False),
+    Column("map_residual", Double, nullable=False),
+    Column("heard", Double, nullable=False),
+    Column("expected", Double, nullable=False),
+    Column("scans", Integer, nullable=False),
+    Column("found_s", Double, nullable=False),
+    # Left out of matching; an admin's word outlives the next look at traffic.
+    Column("quarantined", Boolean, nullable=False, server_default=text("false")),
+)
+
 SESSIONS = Table(
     "sessions",
     METADATA,

@@ -11,6 +11,8 @@ from app.storage import migrate
 from app.storage.engines import migrating_engine
 from app.storage.tables import METADATA
 
+HEAD = "0006"
+
 
 @pytest.fixture(params=["sqlite", pytest.param("postgres", marks=pytest.mark.postgres)])
 def empty_url(request: pytest.FixtureRequest, tmp_path: Path) -> str:
@@ -41,7 +43,7 @@ def test_the_migrations_make_exactly_the_tables_of_the_code(storage_url: str):
 def test_upgrade_from_empty_and_downgrade_to_base(empty_url: str):
     assert migrate.current(empty_url) is None
     migrate.upgrade(empty_url)
-    assert migrate.current(empty_url) == "0003"
+    assert migrate.current(empty_url) == HEAD
     assert tables_of(empty_url) == set(METADATA.tables)
     migrate.downgrade(empty_url, "base")
     assert migrate.current(empty_url) is None
@@ -51,7 +53,7 @@ def test_upgrade_from_empty_and_downgrade_to_base(empty_url: str):
 def test_processes_that_start_together_upgrade_once(empty_url: str):
     with ThreadPoolExecutor(6) as threads:
         list(threads.map(migrate.upgrade, [empty_url] * 6))
-    assert migrate.current(empty_url) == "0003"
+    assert migrate.current(empty_url) == HEAD
 
 
 def test_scripts_are_found_in_an_installed_wheel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
@@ -60,4 +62,4 @@ def test_scripts_are_found_in_an_installed_wheel(tmp_path: Path, monkeypatch: py
     monkeypatch.setattr(migrate, "__file__", str(package / "migrate.py"))
     assert migrate.scripts_folder() == package / "migrations_bundle"
     migrate.upgrade(f"sqlite:///{tmp_path / 'new.db'}")
-    assert migrate.current(f"sqlite:///{tmp_path / 'new.db'}") == "0003"
+    assert migrate.current(f"sqlite:///{tmp_path / 'new.db'}") == HEAD

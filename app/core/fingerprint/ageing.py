@@ -40,13 +40,12 @@ class AgeingParams:
     Attributes
     ----------
     exponent
-        Of levels as shares; the matcher's own would hear the nearest transmitters only.
+        Of levels as shares; with the matcher's own only the nearest transmitters would count.
     lean
-        κ: evidence (in shares) that weighs as much as what is usual.
+        κ: evidence (in shares) that weighs as much as what is usual. So large that a transmitter
+        heard in a few scans only is never suspect.
     excess
         R_t - R0_t above which a transmitter is suspect.
-    least_evidence
-        Σ (a + ē) below which nothing is said.
     least_scans
         An unknown transmitter heard in fewer scans has not appeared, it passed by.
     vanished_share
@@ -55,10 +54,9 @@ class AgeingParams:
         How often traffic is matched; the second time without what the first found.
     """
 
-    exponent: float = 1.5
-    lean: float = 1.0
-    excess: float = 0.2
-    least_evidence: float = 1.0
+    exponent: float = 1.0
+    lean: float = 16.0
+    excess: float = 0.17
     least_scans: int = 5
     vanished_share: float = 0.1
     passes: int = 2
@@ -214,7 +212,7 @@ def _suspects(
     usual = own.off.sum() / max(float(own.total.sum()), 1e-9)
     map_residual = (own.off + params.lean * usual) / (own.total + params.lean)
     residual = (live.off + params.lean * map_residual) / (live.total + params.lean)
-    aged = (residual - map_residual > params.excess) & (live.total >= params.least_evidence)
+    aged = residual - map_residual > params.excess
     return [
         Suspect(
             key=radio_map.transmitters[t],

@@ -1,0 +1,153 @@
+"""Ageing of radio maps: live traffic is held against the map that it is matched with."""
+
+import asyncio
+from collections.abc import Iterator, Sequence
+
+from sqlalchemy import Connection, select
+
+from app.core.fingerprint.ageing import (
+    AgeingParams,
+    Suspect,
+    appeared,
+    find_aged,
+    own_residuals,
+)
+from app.core.fingerprint.query import (
+    Advertisement,
+    Query,
+    first_of,
+    fresh_wifi_dbm,
+    hear,
+    mean_ble_dbm,
+    within,
+)
+from app.core.fingerprint.radio_map import RadioMap
+from app.core.params import MatchParams
+from app.core.types import BleScan, Observation, WifiScan
+from app.services.errors import AppError, ErrorCode, found
+from app.storage import ageing, radio_maps
+from app.storage.ageing import AgedTransmitter
+from app.storage.database import Database
+from app.storage.log import OBSERVATIONS
+from app.storage.radio_maps import StoredRadioMap
+from app.storage.tables import OBSERVATION_BATCHES, SESSIONS
+
+TRAFFIC_S = 14.0 * 86_400.0
+"""How far back traffic tells of the map: a fortnight has every weekday twice."""
+
+MAX_SCANS = 20_000
+"""Scans looked at, the newest: a few seconds of one core."""
+
+MAX_BATCHES = 20_000
+
+
+class AgeingService:
+    """Looks at one map at a time: what phones post now comes first."""
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+        self._turn = asyncio.Lock()
+
+    async def look(self, radio_map_id: str, now_s: float) -> list[AgedTransmitter]:
+        """Find what traffic contradicts, store it, and return the list.
+
+        Raises
+        ------
+        AppError
+            If there is no such map.
+        """
+        stored, radio_map, traffic = await self._database.read(
+            lambda c: _loaded(c, radio_map_id, now_s)
+        )
+        async with self._turn:
+            suspects = await asyncio.to_thread(suspects_in, traffic, radio_map)
+
+        def store(connection: Connection) -> list[AgedTransmitter]:
+            found(radio_maps.get_radio_map(connection, radio_map_id), "radio map", radio_map_id)
+            ageing.replace_suspects(connection, radio_map_id, suspects, now_s)
+            return ageing.list_aged(connection, stored.radio_map_id)
+
+        return await self._database.write(store)
+
+    async def look_at_site(self, site_id: str, now_s: float) -> None:
+        """Look at a site's active radio map, if it has one."""
+        maps = await self._database.read(
+            lambda c: radio_maps.list_radio_maps(c, site_id=site_id, active=True, limit=1)
+        )
+        for stored in maps:
+            await self.look(stored.radio_map_id, now_s)
+
+    async def quarantine(
+        self, radio_map_id: str, keys: Sequence[str], quarantined: bool
+    ) -> list[AgedTransmitter]:
+        """Leave listed transmitters out of matching, or take them in again.
+
+        Raises
+        ------
+        AppError
+            If one of them is not listed; then nothing is changed.
+        """
+
+        def statement(connection: Connection) -> list[AgedTransmitter]:
+            listed = {aged.suspect.key for aged in ageing.list_aged(connection, radio_map_id)}
+            if unknown := sorted(set(keys) - listed):
+                detail = f"{unknown[0]!r} is not among the aged transmitters of the radio map"
+                raise AppError(ErrorCode.INVALID_FIELD, detail)
+            ageing.set_quarantine(connection, radio_map_id, keys, quarantined)
+            return ageing.list_aged(connection, radio_map_id)
+
+        return await self._database.write(statement)
+
+
+def suspects_in(traffic: Sequence[Sequence[Observation]], radio_map: RadioMap) -> list[Suspect]:
+    """Return what the traffic of several sessions contradicts, and what is new in it."""
+    matching, params = MatchParams(), AgeingParams()
+    queries = [query for session in traffic for query in single_scans(session, radio_map, matching)]
+    if not queries:
+        return []
+    own = own_residuals(radio_map, matching, params)
+    aged = find_aged(queries[:MAX_SCANS], radio_map, own, matching, params)
+    return aged + appeared(queries[:MAX_SCANS], radio_map, matching, params)
+
+
+def single_scans(
+    observations: Sequence[Observation], radio_map: RadioMap, matching: MatchParams
+) -> Iterator[Query]:
+    """Yield each Wi-Fi scan of a session, with the beacons heard just before it."""
+    choose = first_of(radio_map.column_by_key)
+    heard: tuple[Advertisement, ...] = ()
+    for observation in observations:
+        if isinstance(observation, BleScan):
+            heard = hear(heard, observation, matching.ble_window_s)
+        elif isinstance(observation, WifiScan):
+            wifi_dbm = fresh_wifi_dbm(observation, matching.max_age_s, choose)
+            if len(wifi_dbm) >= matching.min_readings:
+                recent = within(heard, observation.time_s, matching.ble_window_s)
+                yield Query(wifi_dbm, mean_ble_dbm(recent, choose))
+
+
+def _loaded(
+    connection: Connection, radio_map_id: str, now_s: float
+) -> tuple[StoredRadioMap, RadioMap, list[list[Observation]]]:
+    stored = found(radio_maps.get_radio_map(connection, radio_map_id), "radio map", radio_map_id)
+    radio_map = found(
+        radio_maps.load_radio_map(connection, radio_map_id), "radio map", radio_map_id
+    )
+    since_s = max(now_s - TRAFFIC_S, stored.created_s)
+    return stored, radio_map, _traffic(connection, stored.site_id, since_s)
+
+
+def _traffic(connection: Connection, site_id: str, since_s: float) -> list[list[Observation]]:
+    """Return what was posted at a site since a time, the newest sessions first."""
+    query = (
+        select(OBSERVATION_BATCHES.c.session_id, OBSERVATION_BATCHES.c.payload)
+        .join(SESSIONS, SESSIONS.c.id == OBSERVATION_BATCHES.c.session_id)
+        .where(SESSIONS.c.site_id == site_id, OBSERVATION_BATCHES.c.received_s >= since_s)
+        .order_by(OBSERVATION_BATCHES.c.received_s.desc())
+        .limit(MAX_BATCHES)
+    )
+    sessions: dict[str, list[Observation]] = {}
+    for row in connection.execute(query):
+        kept = [o for o in OBSERVATIONS.decode(row.payload) if isinstance(o, WifiScan | BleScan)]
+        sessions.setdefault(row.session_id, []).extend(kept)
+    return [sorted(session, key=lambda o: o.time_s) for session in sessions.values()]

@@ -1,0 +1,107 @@
+"""Transmitters that traffic contradicts, by radio map, and which are left out of matching."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from sqlalchemy import Connection, delete, insert, select, update
+
+from app.core.fingerprint.ageing import Change, Suspect
+from app.storage.sites import touch_model
+from app.storage.tables import AGED_TRANSMITTERS, RADIO_MAPS
+
+
+@dataclass(frozen=True, slots=True)
+class AgedTransmitter:
+    """A suspect as stored: when it was last found, and whether it is left out of matching."""
+
+    suspect: Suspect
+    found_s: float
+    quarantined: bool
+
+
+def replace_suspects(
+    connection: Connection, radio_map_id: str, suspects: Sequence[Suspect], found_s: float
+) -> None:
+    """Store what a look at traffic found; what is quarantined stays so, found again or not."""
+    held = quarantined_keys(connection, radio_map_id)
+    of_map = AGED_TRANSMITTERS.c.radio_map_id == radio_map_id
+    found = {suspect.key for suspect in suspects}
+    connection.execute(
+        delete(AGED_TRANSMITTERS).where(
+            of_map, AGED_TRANSMITTERS.c.key.in_(found) | ~AGED_TRANSMITTERS.c.quarantined
+        )
+    )
+    rows = [
+        {
+            "radio_map_id": radio_map_id,
+            "key": suspect.key,
+            "change": suspect.change.value,
+            "residual": suspect.residual,
+            "map_residual": suspect.map_residual,
+            "heard": suspect.heard,
+            "expected": suspect.expected,
+            "scans": suspect.scans,
+            "found_s": found_s,
+            "quarantined": suspect.key in held,
+        }
+        for suspect in suspects
+    ]
+    if rows:
+        connection.execute(insert(AGED_TRANSMITTERS), rows)
+
+
+def list_aged(connection: Connection, radio_map_id: str) -> list[AgedTransmitter]:
+    """Return the suspects of a radio map, the worst first."""
+    query = select(AGED_TRANSMITTERS).where(AGED_TRANSMITTERS.c.radio_map_id == radio_map_id)
+    aged = [
+        AgedTransmitter(
+            Suspect(
+                key=row["key"],
+                change=Change(row["change"]),
+                residual=row["residual"],
+                map_residual=row["map_residual"],
+                heard=row["heard"],
+                expected=row["expected"],
+                scans=row["scans"],
+            ),
+            found_s=row["found_s"],
+            quarantined=row["quarantined"],
+        )
+        for row in connection.execute(query).mappings()
+    ]
+    return sorted(aged, key=lambda a: (-a.suspect.excess, a.suspect.key))
+
+
+def quarantined_keys(connection: Connection, radio_map_id: str) -> frozenset[str]:
+    """Return the transmitters that are left out of matching with a radio map."""
+    query = select(AGED_TRANSMITTERS.c.key).where(
+        AGED_TRANSMITTERS.c.radio_map_id == radio_map_id, AGED_TRANSMITTERS.c.quarantined
+    )
+    return frozenset(connection.execute(query).scalars())
+
+
+def quarantined_of_active(connection: Connection, site_id: str) -> frozenset[str]:
+    """Return the transmitters left out of matching at a site."""
+    query = (
+        select(AGED_TRANSMITTERS.c.key)
+        .join(RADIO_MAPS, RADIO_MAPS.c.id == AGED_TRANSMITTERS.c.radio_map_id)
+        .where(RADIO_MAPS.c.site_id == site_id, RADIO_MAPS.c.active)
+        .where(AGED_TRANSMITTERS.c.quarantined)
+    )
+    return frozenset(connection.execute(query).scalars())
+
+
+def set_quarantine(
+    connection: Connection, radio_map_id: str, keys: Sequence[str], quarantined: bool
+) -> None:
+    """Leave listed transmitters out of matching with a radio map, or take them in again."""
+    connection.execute(
+        update(AGED_TRANSMITTERS)
+        .where(AGED_TRANSMITTERS.c.radio_map_id == radio_map_id)
+        .where(AGED_TRANSMITTERS.c.key.in_(keys))
+        .values(quarantined=quarantined)
+    )
+    site_id = connection.execute(
+        select(RADIO_MAPS.c.site_id).where(RADIO_MAPS.c.id == radio_map_id)
+    ).scalar_one()
+    touch_model(connection, site_id)
