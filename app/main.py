@@ -17,6 +17,7 @@ from app.api.app import bind, mount_api
 from app.api.context import ApiContext, ApiLimits
 from app.config import Settings
 from app.core.engine import warm_up
+from app.services.ageing import AgeingService
 from app.services.first_start import make_first_token
 from app.services.housekeeping import Housekeeping, Retention
 from app.services.ingest import IngestService
@@ -164,6 +165,7 @@ def _build(
         jobs=board,
         uploads=SurveyUploads(database, board, importer, spool, settings.max_survey_bytes),
         session_surveys=SessionSurveys(database, clock),
+        ageing=AgeingService(database),
         limits=ApiLimits(
             settings.max_body_bytes, settings.max_decoded_bytes, settings.max_gzip_ratio
         ),
@@ -174,7 +176,8 @@ def _build(
     retention = Retention(
         settings.imu_retention_s, settings.retention_days * _DAY_S, reopen_s=limits.reopen_s
     )
-    return context, Housekeeping(registry, directory, database, clock, retention)
+    chores = Housekeeping(registry, directory, database, clock, retention, context.ageing)
+    return context, chores
 
 
 async def _announce(settings: Settings, database: Database, clock: Clock) -> None:

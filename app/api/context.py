@@ -5,6 +5,7 @@ from typing import cast
 
 from starlette.requests import HTTPConnection
 
+from app.services.ageing import AgeingService
 from app.services.ingest import IngestService
 from app.services.jobs import JobBoard
 from app.services.planning_queue import PlanQueue
@@ -44,6 +45,7 @@ class ApiContext:
     jobs: JobBoard
     uploads: SurveyUploads
     session_surveys: SessionSurveys
+    ageing: AgeingService
     limits: ApiLimits
     cors_origins: tuple[str, ...]
     login_s: float

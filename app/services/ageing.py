@@ -3,7 +3,7 @@
 import asyncio
 from collections.abc import Iterator, Sequence
 
-from sqlalchemy import Connection, select
+from sqlalchemy import Connection
 
 from app.core.fingerprint.ageing import (
     AgeingParams,
@@ -28,17 +28,13 @@ from app.services.errors import AppError, ErrorCode, found
 from app.storage import ageing, radio_maps
 from app.storage.ageing import AgedTransmitter
 from app.storage.database import Database
-from app.storage.log import OBSERVATIONS
 from app.storage.radio_maps import StoredRadioMap
-from app.storage.tables import OBSERVATION_BATCHES, SESSIONS
 
 TRAFFIC_S = 14.0 * 86_400.0
 """How far back traffic tells of the map: a fortnight has every weekday twice."""
 
 MAX_SCANS = 20_000
 """Scans looked at, the newest: a few seconds of one core."""
-
-MAX_BATCHES = 20_000
 
 
 class AgeingService:
@@ -134,20 +130,4 @@ def _loaded(
         radio_maps.load_radio_map(connection, radio_map_id), "radio map", radio_map_id
     )
     since_s = max(now_s - TRAFFIC_S, stored.created_s)
-    return stored, radio_map, _traffic(connection, stored.site_id, since_s)
-
-
-def _traffic(connection: Connection, site_id: str, since_s: float) -> list[list[Observation]]:
-    """Return what was posted at a site since a time, the newest sessions first."""
-    query = (
-        select(OBSERVATION_BATCHES.c.session_id, OBSERVATION_BATCHES.c.payload)
-        .join(SESSIONS, SESSIONS.c.id == OBSERVATION_BATCHES.c.session_id)
-        .where(SESSIONS.c.site_id == site_id, OBSERVATION_BATCHES.c.received_s >= since_s)
-        .order_by(OBSERVATION_BATCHES.c.received_s.desc())
-        .limit(MAX_BATCHES)
-    )
-    sessions: dict[str, list[Observation]] = {}
-    for row in connection.execute(query):
-        kept = [o for o in OBSERVATIONS.decode(row.payload) if isinstance(o, WifiScan | BleScan)]
-        sessions.setdefault(row.session_id, []).extend(kept)
-    return [sorted(session, key=lambda o: o.time_s) for session in sessions.values()]
+    return stored, radio_map, ageing.traffic(connection, stored.site_id, since_s)

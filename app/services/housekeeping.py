@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from app.core.session import LogUnavailableError
+from app.services.ageing import AgeingService
 from app.services.site import SiteDirectory
 from app.sessions.limits import SessionLimits
 from app.sessions.ports import Clock
@@ -43,6 +44,7 @@ class Housekeeping:
         database: Database,
         clock: Clock,
         retention: Retention,
+        ageing: AgeingService,
     ) -> None:
         self._registry = registry
         self._directory = directory
@@ -50,6 +52,8 @@ class Housekeeping:
         self._clock = clock
         self._retention = retention
         self._purged_s = -1.0
+        self._ageing = ageing
+        self._aged_s = clock.now_s()
 
     async def run(self, interval_s: float) -> None:
         """Do a round every ``interval_s``; one that fails is logged, and the next goes on."""
@@ -69,6 +73,10 @@ class Housekeeping:
         if self._clock.now_s() >= self._purged_s + self._retention.interval_s:
             await self._purge()
             self._purged_s = self._clock.now_s()
+        if self._clock.now_s() >= self._aged_s + _DAY_S:
+            self._aged_s = self._clock.now_s()
+            for site_id in self._directory.site_ids():
+                await self._ageing.look_at_site(site_id, self._aged_s)
 
     async def _purge(self) -> None:
         now_s = self._clock.now_s()

@@ -6,8 +6,13 @@ from dataclasses import dataclass
 from sqlalchemy import Connection, delete, insert, select, update
 
 from app.core.fingerprint.ageing import Change, Suspect
+from app.core.types import BleScan, Observation, WifiScan
+from app.storage.log import OBSERVATIONS
 from app.storage.sites import touch_model
-from app.storage.tables import AGED_TRANSMITTERS, RADIO_MAPS
+from app.storage.tables import AGED_TRANSMITTERS, OBSERVATION_BATCHES, RADIO_MAPS, SESSIONS
+
+MAX_BATCHES = 20_000
+"""Batches of traffic looked at, the newest: what a site of a hundred phones posts in an hour."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,3 +110,19 @@ def set_quarantine(
         select(RADIO_MAPS.c.site_id).where(RADIO_MAPS.c.id == radio_map_id)
     ).scalar_one()
     touch_model(connection, site_id)
+
+
+def traffic(connection: Connection, site_id: str, since_s: float) -> list[list[Observation]]:
+    """Return the scans posted at a site since a time, by session, in time order."""
+    query = (
+        select(OBSERVATION_BATCHES.c.session_id, OBSERVATION_BATCHES.c.payload)
+        .join(SESSIONS, SESSIONS.c.id == OBSERVATION_BATCHES.c.session_id)
+        .where(SESSIONS.c.site_id == site_id, OBSERVATION_BATCHES.c.received_s >= since_s)
+        .order_by(OBSERVATION_BATCHES.c.received_s.desc())
+        .limit(MAX_BATCHES)
+    )
+    sessions: dict[str, list[Observation]] = {}
+    for row in connection.execute(query):
+        kept = [o for o in OBSERVATIONS.decode(row.payload) if isinstance(o, WifiScan | BleScan)]
+        sessions.setdefault(row.session_id, []).extend(kept)
+    return [sorted(session, key=lambda o: o.time_s) for session in sessions.values()]

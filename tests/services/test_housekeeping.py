@@ -9,6 +9,7 @@ from sqlalchemy import Connection
 
 from app.core.session import LoggedBatch, SessionClock, SessionRecord
 from app.core.types import BleScan, Method, MotionMode, TrackPoint, Used
+from app.services.ageing import AgeingService
 from app.services.housekeeping import Housekeeping, Retention
 from app.services.site import SiteDirectory
 from app.sessions.hub import Hub
@@ -64,7 +65,9 @@ async def test_each_site_keeps_scans_and_tracks_for_its_own_time(database_url: s
     ports = SessionPorts(log, SqlSnapshotStore(database), tracks)
     registry = SessionRegistry(ports, directory, Hub(), Clock())
     retention = Retention(kept_s=50 * DAY_S)
-    await Housekeeping(registry, directory, database, Clock(), retention).round()
+    await Housekeeping(
+        registry, directory, database, Clock(), retention, AgeingService(database)
+    ).round()
     left = {}
     for site_id in ("strict", "silent"):
         points = await database.read(partial(read_track, device_id=site_id, **_ALL))
@@ -106,7 +109,9 @@ async def test_a_round_that_fails_is_told_and_the_next_goes_on(
     registry = SessionRegistry(
         SessionPorts(log, SqlSnapshotStore(database), tracks), directory, Hub(), clock
     )
-    housekeeping = Housekeeping(registry, directory, database, clock, Retention())
+    housekeeping = Housekeeping(
+        registry, directory, database, clock, Retention(), AgeingService(database)
+    )
     chores = asyncio.create_task(housekeeping.run(0.0))
     await asyncio.wait_for(clock.asked.wait(), 10.0)
     chores.cancel()

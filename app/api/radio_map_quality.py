@@ -1,0 +1,133 @@
+"""``/v1/radio-maps/{id}/report`` and ``/ageing``: how good a radio map is, and how it ages."""
+
+import asyncio
+from importlib.util import find_spec
+from typing import Annotated
+
+import msgspec
+from fastapi import Depends, Request, Response
+from pydantic import BaseModel, Field
+
+from app.api.auth import Role, check_site, require
+from app.api.fix import iso_time
+from app.api.negotiation import best_type
+from app.api.resource import Context, Reader, StrictModel, registry_router
+from app.api.survey_report_formats import report_html, report_json
+from app.services.access import Principal
+from app.services.errors import AppError, ErrorCode, found
+from app.services.survey_reports import report_of
+from app.storage import ageing, radio_maps
+from app.storage.ageing import AgedTransmitter
+
+router = registry_router("/v1/radio-maps", "radio maps")
+
+Surveyor = Annotated[Principal, Depends(require(Role.SURVEYOR))]
+JSON, HTML = "application/json", "text/html"
+
+
+class Aged(BaseModel):
+    """A transmitter that traffic contradicts; ``residual`` less ``map_residual`` is the excess."""
+
+    key: str
+    change: str
+    excess: float
+    residual: float
+    map_residual: float
+    heard: float
+    expected: float
+    scans: int
+    found: str
+    quarantined: bool
+
+
+class Ageing(BaseModel):
+    """What traffic contradicts of a radio map, the worst first."""
+
+    transmitters: list[Aged]
+
+
+class Quarantine(StrictModel):
+    """Which of the listed transmitters are left out of matching from now on, and which not."""
+
+    quarantine: list[str] = Field(default_factory=list, max_length=10_000)
+    release: list[str] = Field(default_factory=list, max_length=10_000)
+
+
+@router.get(
+    "/{radio_map_id}/report",
+    response_class=Response,
+    responses={200: {"content": {JSON: {"schema": {"type": "object"}}, HTML: {}}}},
+)
+async def get_report(
+    radio_map_id: str, principal: Reader, context: Context, request: Request
+) -> Response:
+    """Return the survey report in metres, by Accept as JSON or as a page to be printed."""
+    media_type = best_type(request, (JSON, HTML))
+    if media_type == HTML and find_spec("matplotlib") is None:
+        detail = "the page needs matplotlib: install pharos[plots] on the server, or ask for JSON"
+        raise AppError(ErrorCode.NOT_ACCEPTABLE, detail)
+    await _checked(principal, context, radio_map_id)
+    reported = await context.database.read(lambda c: report_of(c, radio_map_id))
+    document = report_json(reported, context.clock.now_s())
+    headers = {"Vary": "Accept"}
+    if media_type == JSON:
+        return Response(msgspec.json.encode(document), 200, headers, JSON)
+    from app.api.survey_report_picture import floor_pictures  # noqa: PLC0415 - it needs an extra
+
+    pictures = await asyncio.to_thread(floor_pictures, reported)
+    return Response(report_html(document, pictures), 200, headers, HTML)
+
+
+@router.get("/{radio_map_id}/ageing")
+async def get_ageing(radio_map_id: str, principal: Reader, context: Context) -> Ageing:
+    """List the transmitters that traffic contradicts, as found last."""
+    await _checked(principal, context, radio_map_id)
+    return _view(await context.database.read(lambda c: ageing.list_aged(c, radio_map_id)))
+
+
+@router.post("/{radio_map_id}/ageing")
+async def find_ageing(radio_map_id: str, principal: Surveyor, context: Context) -> Ageing:
+    """Hold the traffic of the last fortnight against the radio map, now."""
+    await _checked(principal, context, radio_map_id)
+    return _view(await context.ageing.look(radio_map_id, context.clock.now_s()))
+
+
+@router.patch("/{radio_map_id}/ageing")
+async def quarantine(
+    radio_map_id: str, body: Quarantine, principal: Surveyor, context: Context
+) -> Ageing:
+    """Leave listed transmitters out of matching, or take them in again."""
+    await _checked(principal, context, radio_map_id)
+    await context.ageing.quarantine(radio_map_id, body.quarantine, quarantined=True)
+    aged = await context.ageing.quarantine(radio_map_id, body.release, quarantined=False)
+    await context.directory.refresh()
+    return _view(aged)
+
+
+async def _checked(principal: Principal, context: Context, radio_map_id: str) -> None:
+    stored = found(
+        await context.database.read(lambda c: radio_maps.get_radio_map(c, radio_map_id)),
+        "radio map",
+        radio_map_id,
+    )
+    check_site(principal, stored.site_id)
+
+
+def _view(aged: list[AgedTransmitter]) -> Ageing:
+    return Ageing(
+        transmitters=[
+            Aged(
+                key=a.suspect.key,
+                change=a.suspect.change.value,
+                excess=round(a.suspect.excess, 4),
+                residual=round(a.suspect.residual, 4),
+                map_residual=round(a.suspect.map_residual, 4),
+                heard=round(a.suspect.heard, 3),
+                expected=round(a.suspect.expected, 3),
+                scans=a.suspect.scans,
+                found=iso_time(a.found_s),
+                quarantined=a.quarantined,
+            )
+            for a in aged
+        ]
+    )
