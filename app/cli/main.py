@@ -20,6 +20,7 @@ cli = typer.Typer(
                 "app.cli.evaluate:evaluating",
                 "Measure accuracy on public data sets.",
             ),
+            "survey": ("app.cli.survey:surveying", "Judge surveys and the radio maps of them."),
             "plan": ("app.cli.plan:plan", "Predict the error of a layout of beacons."),
             "profiles": ("app.cli.profiles:profiles", "Show the profiles and their parameters."),
             "calibrate": (

@@ -1,4 +1,4 @@
-"""``pharos survey``: bring surveys to a running server and watch them being read."""
+"""``pharos survey``: bring surveys to a running server, watch them being read, judge them."""
 
 import asyncio
 import random
@@ -12,18 +12,15 @@ from rich.console import Console
 from rich.progress import BarColumn, DownloadColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
 from app.cli.errors import CommandError
+from app.cli.survey_report import find_ageing, report
 
-surveying = typer.Typer(no_args_is_help=True, help="Bring surveys to a server.")
+surveying = typer.Typer(no_args_is_help=True, help="Bring surveys to a server, and judge them.")
+surveying.command("report")(report)
+surveying.command("ageing")(find_ageing)
 
 _PIECE_BYTES = 1 << 18
 _TRIES, _LONGEST_WAIT_S, _ASK_EVERY_S = 10, 15.0, 0.3
 _random = random.SystemRandom()
-
-
-@surveying.callback()
-def _options() -> None:
-    # Typer makes a group, and not one command, of an application that has this.
-    pass
 
 
 @surveying.command("upload")

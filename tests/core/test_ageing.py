@@ -34,9 +34,9 @@ def radio_map() -> RadioMap:
     )
 
 
-def traffic(seed: int, scans: int = 300, side_m: float = SIDE_M) -> list[Query]:
+def traffic(seed: int, scans: int = 300) -> list[Query]:
     rng = np.random.default_rng(seed)
-    places = rng.uniform(0.0, side_m, (scans, 2))
+    places = rng.uniform(0.0, SIDE_M, (scans, 2))
     return [Query(levels_dbm(x, y, rng), {}) for x, y in places.tolist()]
 
 
@@ -64,7 +64,7 @@ def test_traffic_like_the_survey_names_nobody(radio_map: RadioMap):
 
 
 def test_transmitters_that_changed_places_have_moved(radio_map: RadioMap):
-    suspects = aged(renamed(traffic(3, side_m=12.0), {FIRST: LAST, LAST: FIRST}), radio_map)
+    suspects = aged(renamed(traffic(3, scans=1200), {FIRST: LAST, LAST: FIRST}), radio_map)
     assert {s.key for s in suspects} == {FIRST, LAST}
     assert {s.change for s in suspects} == {Change.MOVED}
     assert all(s.excess > PARAMS.excess and s.scans > 0 for s in suspects)
