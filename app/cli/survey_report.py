@@ -86,8 +86,8 @@ async def _look(
 
 
 def _table(title: str, rows: list[dict[str, object]]) -> Table:
-    table = Table(title=title, caption=None if rows else "none")
-    for name in rows[0] if rows else ():
+    table = Table(title=title)
+    for name in rows[0] if rows else ("none",):
         table.add_column(name, overflow="fold")
     for row in rows:
         table.add_row(*("" if value is None else str(value) for value in row.values()))

@@ -53,7 +53,8 @@ class Housekeeping:
         self._retention = retention
         self._purged_s = -1.0
         self._ageing = ageing
-        self._aged_s = clock.now_s()
+        # The first look is due at once: a server that is restarted daily would never have one.
+        self._aged_s = -_DAY_S
 
     async def run(self, interval_s: float) -> None:
         """Do a round every ``interval_s``; one that fails is logged, and the next goes on."""

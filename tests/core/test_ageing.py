@@ -57,8 +57,9 @@ def renamed(scans: list[Query], names: dict[str, str | None]) -> list[Query]:
     ]
 
 
-def aged(scans: list[Query], radio_map: RadioMap) -> list[Suspect]:
-    return find_aged(scans, radio_map, own_residuals(radio_map, MATCHING, PARAMS), MATCHING, PARAMS)
+def aged(scans: list[Query], radio_map: RadioMap, params: AgeingParams = PARAMS) -> list[Suspect]:
+    own = own_residuals(radio_map, MATCHING, params)
+    return find_aged(scans, radio_map, own, MATCHING, params)
 
 
 def test_traffic_like_the_survey_names_nobody(radio_map: RadioMap):
