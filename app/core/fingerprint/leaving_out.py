@@ -69,7 +69,8 @@ def left_out_matches(
     """Yield for each row its query, and what of the other walks' rows it resembles.
 
     The matcher is asked for as many candidates more as the longest walk has rows, and the walk's
-    own are dropped: exactly what a map without that walk would answer. None where no other walk
+    own are dropped: what a map without that walk would answer, but that the
+    walk's rows still count where the matcher divides weight among the rows of one place. None where no other walk
     heard any of it. Take virtual rows out of ``radio_map`` first: they are made of all walks.
     """
     names = {walk: i for i, walk in enumerate(dict.fromkeys(radio_map.survey_walks))}
@@ -86,11 +87,10 @@ def _of_others(matches: Matches, own: BoolArray, params: MatchParams) -> Matches
     other = np.flatnonzero(~own[matches.row])[: params.k]
     if not len(other) or matches.sorensen[other].min() >= 1.0:
         return None
-    distance = matches.distance[other]
-    weight = np.exp(-(distance - distance[0]) / params.softness)
+    weight = matches.weight[other]
     return Matches(
         row=matches.row[other],
-        distance=distance,
+        distance=matches.distance[other],
         weight=weight / weight.sum(),
         floor_index=matches.floor_index[other],
         x_m=matches.x_m[other],
