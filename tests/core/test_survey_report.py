@@ -92,7 +92,7 @@ def test_thin_spots_lie_in_the_hole_and_do_not_overlap():
 def test_far_places_that_look_alike_are_told_as_conflicts():
     rng = np.random.default_rng(5)
     twin = [
-        Fingerprint(0, x + 100.0, y, levels_dbm(x, y, rng), {}, f"twin-{y:.0f}")
+        Fingerprint(0, x + 100.0, y, levels_dbm(x, y, rng), {}, "twin")
         for y in (0.0, 2.0, 4.0)
         for x in (2.0, 4.0, 6.0)
     ]
@@ -108,8 +108,8 @@ def test_scans_that_look_like_another_floor_are_wrong_floor_risks():
     upper = [Fingerprint(1, 10.0, 4.0, levels_dbm(10.0, 4.0, rng), {}, "upstairs")]
     both = joined(ground.with_floors(("hall-F1", "hall-F2")), upper)
     report = survey_report(both, [hall_cells(), np.zeros((0, 2))], MATCHING, ReportParams())
-    (risk,) = report.wrong_floors
-    assert (risk.floor_index, risk.like_floor_index, risk.scans) == (1, 0, 1)
+    (risk,) = (risk for risk in report.wrong_floors if risk.floor_index == 1)
+    assert (risk.like_floor_index, risk.scans, risk.share) == (0, 1, 1.0)
     assert report.floors[1].wrong_floor_share == 1.0
 
 

@@ -69,8 +69,8 @@ def left_out_matches(
     """Yield for each row its query, and what of the other walks' rows it resembles.
 
     The matcher is asked for as many candidates more as the longest walk has rows, and the walk's
-    own are dropped: what a map without that walk would answer, but that the
-    walk's rows still count where the matcher divides weight among the rows of one place. None where no other walk
+    own are dropped: what a map without that walk would answer, but that the walk's rows still count
+    where the matcher divides weight among the rows of one place. None where no other walk
     heard any of it. Take virtual rows out of ``radio_map`` first: they are made of all walks.
     """
     names = {walk: i for i, walk in enumerate(dict.fromkeys(radio_map.survey_walks))}
