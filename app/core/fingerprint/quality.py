@@ -9,7 +9,7 @@ how densely q is surveyed, and from how the scans around it did:
 
 over the scans i of q's floor, d_i their distance from q, r the mean of all e_i / g_i. c_0 and c_1
 are fitted to the e_i by non-negative least squares, each scan's n made of the other walks alone, so
-they are the building's own and the prediction is in metres. They are right within a fifth or
+they are the building's own and the prediction is in metres. They are right within a quarter or
 so: the full map knows one walk more than the one asked, and may have virtual fingerprints.
 
 On ms2020 density alone ranks errors best, their distance to the nearest scan a little worse, and
