@@ -5,7 +5,7 @@ from importlib.util import find_spec
 from typing import Annotated
 
 import msgspec
-from fastapi import Depends, Request, Response
+from fastapi import Body, Depends, Request, Response
 from pydantic import BaseModel, Field
 
 from app.api.auth import Role, check_site, require
@@ -53,6 +53,9 @@ class Quarantine(StrictModel):
     release: list[str] = Field(default_factory=list, max_length=10_000)
 
 
+Asked = Annotated[Quarantine, Body(examples=[{"quarantine": ["mac:02005e005301"], "release": []}])]
+
+
 @router.get(
     "/{radio_map_id}/report",
     response_class=Response,
@@ -94,7 +97,7 @@ async def find_ageing(radio_map_id: str, principal: Surveyor, context: Context) 
 
 @router.patch("/{radio_map_id}/ageing")
 async def quarantine(
-    radio_map_id: str, body: Quarantine, principal: Surveyor, context: Context
+    radio_map_id: str, body: Asked, principal: Surveyor, context: Context
 ) -> Ageing:
     """Leave listed transmitters out of matching, or take them in again."""
     await _checked(principal, context, radio_map_id)

@@ -20,7 +20,6 @@ cli = typer.Typer(
                 "app.cli.evaluate:evaluating",
                 "Measure accuracy on public data sets.",
             ),
-            "survey": ("app.cli.survey:surveying", "Judge surveys and the radio maps of them."),
             "plan": ("app.cli.plan:plan", "Predict the error of a layout of beacons."),
             "profiles": ("app.cli.profiles:profiles", "Show the profiles and their parameters."),
             "calibrate": (
@@ -28,7 +27,7 @@ cli = typer.Typer(
                 "Fit parameters on recordings with known positions.",
             ),
             "import": ("app.cli.imports:importing", "Bring in sites, beacons and fingerprints."),
-            "survey": ("app.cli.survey:surveying", "Bring surveys to a server."),
+            "survey": ("app.cli.survey:surveying", "Bring surveys to a server, and judge them."),
             "token": ("app.cli.token:tokens", "Make, list and revoke access tokens."),
             "migrate": ("app.cli.migrate:migrate", "Bring the database to this version's schema."),
         }

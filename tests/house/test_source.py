@@ -37,7 +37,8 @@ UNITLESS = frozenset(
     {
         *("softness", "clutter", "tempering", "memory", "shrinkage", "ridge", "trust", "total"),
         *("noise_spread", "scale_prior", "scale_walk", "vote_floor", "nis"),
-        *("xx", "xy", "yy"),
+        *("lean", "excess", "residual", "map_residual", "heard", "expected"),
+        *("transmitters_per_scan", "xx", "xy", "yy"),
     }
 )
 

@@ -35,7 +35,7 @@ from app.core.types import FloatArray, IntArray
 class AgeingParams:
     """When a transmitter is suspect.
 
-    Chosen on ms2020 (folds 1 to 3 as traffic in turn, identities permuted).
+    Chosen on ms2020 (folds 1 and 2 as traffic in turn, identities permuted).
 
     Attributes
     ----------
