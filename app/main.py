@@ -23,6 +23,7 @@ from app.services.housekeeping import Housekeeping, Retention
 from app.services.ingest import IngestService
 from app.services.jobs import JobBoard
 from app.services.planning_queue import PlanQueue
+from app.services.radio_map_builds import RadioMapBuilds
 from app.services.replay import ReplayService
 from app.services.site import SiteDirectory
 from app.services.survey_import import SurveyImporter
@@ -81,6 +82,7 @@ def create_app(settings: Settings, clock: Clock | None = None) -> FastAPI:
             chores.add_done_callback(_log_death)
             yield
             chores.cancel()
+            await context.builds.close()
             context.hub.close()
             await context.uploads.close()
             await context.registry.close()
@@ -162,6 +164,7 @@ def _build(
             settings.token_cache_s,
         ),
         plans=PlanQueue(),
+        builds=RadioMapBuilds(database, board),
         jobs=board,
         uploads=SurveyUploads(database, board, importer, spool, settings.max_survey_bytes),
         session_surveys=SessionSurveys(database, clock),

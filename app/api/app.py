@@ -46,6 +46,7 @@ ROUTERS = (
     beacon_tables.router,
     beacons.router,
     radio_maps.router,
+    radio_maps.rollback_router,
     surveys.router,
     jobs.router,
     radio_map_quality.router,

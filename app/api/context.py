@@ -9,6 +9,7 @@ from app.services.ageing import AgeingService
 from app.services.ingest import IngestService
 from app.services.jobs import JobBoard
 from app.services.planning_queue import PlanQueue
+from app.services.radio_map_builds import RadioMapBuilds
 from app.services.replay import ReplayService
 from app.services.site import SiteDirectory
 from app.services.survey_session import SessionSurveys
@@ -42,6 +43,7 @@ class ApiContext:
     replays: ReplayService
     authenticator: Authenticator
     plans: PlanQueue
+    builds: RadioMapBuilds
     jobs: JobBoard
     uploads: SurveyUploads
     session_surveys: SessionSurveys

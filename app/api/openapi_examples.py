@@ -52,6 +52,7 @@ EXAMPLES: dict[tuple[str, str], Example] = {
             },
         ],
     },
+    ("post", "/v1/radio-maps"): {"site_id": "hall", "name": "Spring", "virtual": True},
     ("post", "/v1/beacons"): {
         "beacon_id": "entrance",
         "site_id": "hall",

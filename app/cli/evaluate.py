@@ -6,6 +6,7 @@ from app.cli.evaluate_maps import evaluate_ageing, evaluate_survey_report
 from app.cli.evaluate_ms2020 import evaluate_ms2020
 from app.cli.evaluate_papers import evaluate_papers
 from app.cli.evaluate_report import write_report
+from app.cli.evaluate_survey_walks import evaluate_survey_walks
 from app.cli.evaluate_tables import (
     evaluate_kolakowski,
     evaluate_oxford_steps,
@@ -24,4 +25,5 @@ evaluating.command("uji-ble")(evaluate_uji_ble)
 evaluating.command("kolakowski")(evaluate_kolakowski)
 evaluating.command("ujiindoorloc")(evaluate_ujiindoorloc)
 evaluating.command("oxford-steps")(evaluate_oxford_steps)
+evaluating.command("survey-walks")(evaluate_survey_walks)
 evaluating.command("papers")(evaluate_papers)

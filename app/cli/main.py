@@ -28,6 +28,10 @@ cli = typer.Typer(
             ),
             "import": ("app.cli.imports:importing", "Bring in sites, beacons and fingerprints."),
             "survey": ("app.cli.survey:surveying", "Bring surveys to a server, and judge them."),
+            "radio-map": (
+                "app.cli.radio_map:radio_map_commands",
+                "Build, compare, activate and carry radio maps.",
+            ),
             "token": ("app.cli.token:tokens", "Make, list and revoke access tokens."),
             "migrate": ("app.cli.migrate:migrate", "Bring the database to this version's schema."),
         }

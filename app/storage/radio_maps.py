@@ -4,8 +4,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 from uuid import uuid4
 
-from sqlalchemy import Connection, RowMapping, func, insert, select, update
+from sqlalchemy import Connection, RowMapping, delete, func, insert, select, update
 
+from app.core.fingerprint.cleaning import LevelStatistics
 from app.core.fingerprint.radio_map import RadioMap
 from app.storage.codec import VariantCodec
 from app.storage.rows import unique
@@ -13,6 +14,7 @@ from app.storage.sites import touch_model
 from app.storage.tables import RADIO_MAPS
 
 _CODEC: VariantCodec[RadioMap] = VariantCodec({"radio_map": RadioMap})
+_STATISTICS: VariantCodec[LevelStatistics] = VariantCodec({"level_statistics": LevelStatistics})
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,14 +42,16 @@ class StoredRadioMap:
 
 @dataclass(frozen=True, slots=True)
 class RadioMapOrigin:
-    """Name and origin that a radio map is saved with."""
+    """Name, origin and scatter of levels that a radio map is saved with."""
 
     name: str
     created_s: float
     provenance: dict[str, Any] | None = None
+    statistics: LevelStatistics | None = None
 
 
-_LISTED = tuple(column for column in RADIO_MAPS.c if column.name != "payload")
+_UNLISTED = frozenset({"payload", "statistics", "activation"})
+_LISTED = tuple(column for column in RADIO_MAPS.c if column.name not in _UNLISTED)
 
 
 def save_radio_map(
@@ -86,6 +90,9 @@ def save_radio_map(
                 transmitters=stored.transmitters,
                 created_s=stored.created_s,
                 payload=_CODEC.encode([radio_map]),
+                statistics=(
+                    None if origin.statistics is None else _STATISTICS.encode([origin.statistics])
+                ),
             )
         )
     return activate_radio_map(connection, stored) if activate else stored
@@ -93,13 +100,53 @@ def save_radio_map(
 
 def activate_radio_map(connection: Connection, radio_map: StoredRadioMap) -> StoredRadioMap:
     """Make a stored radio map the one its site is matched with, instead of the one before."""
+    latest = connection.execute(
+        select(func.max(RADIO_MAPS.c.activation)).where(RADIO_MAPS.c.site_id == radio_map.site_id)
+    ).scalar()
+    return _make_active(connection, radio_map, (latest or 0) + 1)
+
+
+def roll_back(connection: Connection, site_id: str) -> StoredRadioMap | None:
+    """Make the map active again that was so before the active one; None if there is none.
+
+    The one taken back counts as never active: doing it again goes further back.
+    """
+    of_site = RADIO_MAPS.c.site_id == site_id
+    query = (
+        select(*_LISTED, RADIO_MAPS.c.activation)
+        .where(of_site, RADIO_MAPS.c.active.is_(False), RADIO_MAPS.c.activation.is_not(None))
+        .order_by(RADIO_MAPS.c.activation.desc())
+        .limit(1)
+    )
+    row = connection.execute(query).mappings().one_or_none()
+    if row is None:
+        return None
+    fields = dict(row)
+    activation = fields.pop("activation")
+    taken_back = update(RADIO_MAPS).where(of_site, RADIO_MAPS.c.active)
+    connection.execute(taken_back.values(activation=None))
+    return _make_active(connection, _fields_stored(fields), activation)
+
+
+def _make_active(
+    connection: Connection, radio_map: StoredRadioMap, activation: int
+) -> StoredRadioMap:
     of_site = RADIO_MAPS.c.site_id == radio_map.site_id
     connection.execute(update(RADIO_MAPS).where(of_site, RADIO_MAPS.c.active).values(active=False))
     connection.execute(
-        update(RADIO_MAPS).where(RADIO_MAPS.c.id == radio_map.radio_map_id).values(active=True)
+        update(RADIO_MAPS)
+        .where(RADIO_MAPS.c.id == radio_map.radio_map_id)
+        .values(active=True, activation=activation)
     )
     touch_model(connection, radio_map.site_id)
     return replace(radio_map, active=True)
+
+
+def delete_radio_map(connection: Connection, radio_map_id: str) -> None:
+    """Remove a radio map that is not active; the active one stays."""
+    connection.execute(
+        delete(RADIO_MAPS).where(RADIO_MAPS.c.id == radio_map_id, RADIO_MAPS.c.active.is_(False))
+    )
 
 
 def load_active(connection: Connection, site_id: str) -> RadioMap | None:
@@ -114,6 +161,13 @@ def load_radio_map(connection: Connection, radio_map_id: str) -> RadioMap | None
     query = select(RADIO_MAPS.c.payload).where(RADIO_MAPS.c.id == radio_map_id)
     payload = connection.execute(query).scalar()
     return None if payload is None else _CODEC.decode(payload)[0]
+
+
+def load_statistics(connection: Connection, radio_map_id: str) -> LevelStatistics | None:
+    """Return the scatter of a map's levels, None if it has no cleaned reference points."""
+    query = select(RADIO_MAPS.c.statistics).where(RADIO_MAPS.c.id == radio_map_id)
+    payload = connection.execute(query).scalar()
+    return None if payload is None else _STATISTICS.decode(payload)[0]
 
 
 def get_radio_map(connection: Connection, radio_map_id: str) -> StoredRadioMap | None:
@@ -143,5 +197,8 @@ def list_radio_maps(
 
 
 def _stored(row: RowMapping) -> StoredRadioMap:
-    fields = dict(row)
+    return _fields_stored(dict(row))
+
+
+def _fields_stored(fields: dict[str, Any]) -> StoredRadioMap:
     return StoredRadioMap(radio_map_id=fields.pop("id"), name=fields.pop("label"), **fields)

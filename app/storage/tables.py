@@ -262,6 +262,11 @@ RADIO_MAPS = Table(
     Column("created_s", Double, nullable=False),
     # A `core.fingerprint.radio_map.RadioMap`, encoded by storage.codec.
     Column("payload", LargeBinary, nullable=False),
+    # Counts the activations of a site: the highest is the active map's, the next lower that of the
+    # one before. NULL: never active, or taken back.
+    Column("activation", Integer),
+    # A `core.fingerprint.cleaning.LevelStatistics`, encoded by storage.codec.
+    Column("statistics", LargeBinary),
     UniqueConstraint("site_id", "version"),
     Index(
         "uq_radio_maps_active",

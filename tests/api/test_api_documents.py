@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 from api_server import NOW_S, ApiServer, batch, ble_record
 from fastapi.openapi.models import OpenAPI
+from sqlalchemy import Connection
 
 from app.api.errors import STATUS
 from app.api.observations import RecordCode
@@ -19,6 +20,7 @@ from app.core.engine.explanation import Use
 from app.core.types import NoFixReason
 from app.main import create_app
 from app.services.errors import ErrorCode
+from app.storage.surveys import StoredSurvey, begin_survey, complete_survey
 
 DOCS = (Path(__file__).parents[2] / "docs" / "api.md").read_text()
 
@@ -60,6 +62,15 @@ def test_the_ingest_body_is_described_to_its_last_field(document: dict[str, Any]
     assert set(kinds) == {"wifi", "ble", "step", "pedometer", "imu", "baro", "truth"}
     imu = schemas[kinds["imu"].rpartition("/")[2]]
     assert imu["properties"]["rate_hz"] == {"type": "number", "minimum": 1, "maximum": 1000}
+
+
+async def store_survey(server: ApiServer, site_id: str) -> None:
+    def statement(connection: Connection) -> None:
+        survey = StoredSurvey("spring", site_id, "Spring", "test", 0.0)
+        begin_survey(connection, survey)
+        complete_survey(connection, survey)
+
+    await server.app.state.context.database.write(statement)
 
 
 def table(heading: str) -> dict[str, str]:
@@ -149,6 +160,8 @@ async def test_the_examples_of_openapi_are_taken_one_after_the_other(server: Api
         for (method, path), example in EXAMPLES.items():
             body = {"token": server.secrets["admin"]} if path == "/v1/login" else example
             query = {"site_id": "hall"} if path == "/v1/beacons/import" else {}
+            if path == "/v1/radio-maps":
+                await store_survey(server, "hall")
             reply = await client.request(method, path.format(**ids), json=body, params=query)
             assert reply.is_success, (method, path, reply.text)
             assert not (path == "/v1/beacons/import" and reply.json()["refused"]), reply.text

@@ -8,6 +8,16 @@ from typer.testing import CliRunner
 
 from app.cli.main import cli
 
+RADIO_MAP_COMMANDS = (
+    "list",
+    "build",
+    "activate",
+    "rollback",
+    "compare",
+    "export",
+    "import",
+    "delete",
+)
 COMMANDS = (
     ("serve",),
     ("demo",),
@@ -19,6 +29,7 @@ COMMANDS = (
     ("import", "ms2020"),
     ("import", "csv", "beacons"),
     ("import", "csv", "fingerprints"),
+    *(("radio-map", name) for name in RADIO_MAP_COMMANDS),
     ("token", "create"),
     ("token", "list"),
     ("token", "revoke"),

@@ -82,6 +82,21 @@ class CleanedLevels:
     heard_share: FloatArray
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class LevelStatistics:
+    """What is kept of the cleaning beside the levels, one number per level of a radio map.
+
+    Attributes
+    ----------
+    deviation_db, count, heard_share : (entries,)
+        As in `CleanedLevels`; 0, 1 and 1 of the level of a single scan, all 0 of a computed one.
+    """
+
+    deviation_db: FloatArray
+    count: IntArray
+    heard_share: FloatArray
+
+
 def clean_levels(
     point: IntArray,
     transmitter: IntArray,

@@ -21,6 +21,8 @@ class Fingerprint:
         Level per transmitter key (see `Reading.keys`).
     survey_walk
         Which walk or reference point it came from; leave-one-walk-out validation groups by it.
+    time_s
+        When it was taken, None if that is not known.
     """
 
     floor_index: int
@@ -29,6 +31,7 @@ class Fingerprint:
     wifi_dbm: dict[str, float]
     ble_dbm: dict[str, float]
     survey_walk: str = ""
+    time_s: float | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -48,7 +48,7 @@ def walk_fingerprints(
             if place is not None and len(wifi_dbm) >= params.min_readings:
                 recent = within(heard, observation.time_s, params.ble_window_s)
                 ble_dbm = mean_ble_dbm(recent, choose)
-                yield Fingerprint(floor_index, place[0], place[1], wifi_dbm, ble_dbm, walk)
+                yield Fingerprint(floor_index, *place, wifi_dbm, ble_dbm, walk, observation.time_s)
 
 
 def chosen_keys(observations: Iterable[Observation]) -> KeyChoice:

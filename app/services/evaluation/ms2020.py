@@ -124,7 +124,7 @@ def _md5(trace_id: str) -> str:
     return hashlib.md5(trace_id.encode(), usedforsecurity=False).hexdigest()
 
 
-def site_of(building: BuildingFolder, radio_map: RadioMap) -> SiteModel:
+def site_of(building: BuildingFolder, radio_map: RadioMap | None) -> SiteModel:
     """Return the building as the server would fold with it."""
     site_id = site_id_of(building.name)
     georeference = fit_georeference(building.control_points)
