@@ -6,6 +6,7 @@ from starlette.middleware.cors import CORSMiddleware
 from app.api import (
     beacon_tables,
     beacons,
+    calibrations,
     devices,
     floors,
     georeference,
@@ -43,6 +44,8 @@ ROUTERS = (
     georeference.router,
     floors.router,
     planner.router,
+    calibrations.floor_router,
+    calibrations.router,
     beacon_tables.router,
     beacons.router,
     radio_maps.router,

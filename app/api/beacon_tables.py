@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 from fastapi import Query, Request, Response
 from fastapi.responses import JSONResponse
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel, Field, ValidationError
 
 from app.api.auth import check_site
 from app.api.beacons import NewBeacon, beacon_view, stored_beacon
@@ -20,6 +20,7 @@ from app.formats.beacons_csv import (
     write_beacons_csv,
 )
 from app.services import beacons as beacon_service
+from app.services.beacons import ImportPlan
 from app.services.errors import AppError, ErrorCode
 from app.storage import beacons
 from app.storage.beacons import StoredBeacon
@@ -27,6 +28,9 @@ from app.storage.beacons import StoredBeacon
 router = registry_router("/v1/beacons", "beacons")
 
 MAX_TABLE_BYTES = 20 << 20
+
+MAX_CHANGES = 1000
+"""More than an admin looks through."""
 
 SiteParameter = Annotated[str, Query(description="Site of the table")]
 
@@ -39,6 +43,14 @@ class RefusedRow(BaseModel):
     detail: str
 
 
+class BeaconChange(BaseModel):
+    """A beacon that is added (``change`` holds every field) or changed (those that differ)."""
+
+    beacon_id: str
+    added: bool
+    change: dict[str, tuple[Any, Any]] = Field(description="Per field: before and after")
+
+
 class ImportReport(BaseModel):
     """What an import did, or with ``dry_run`` would do."""
 
@@ -46,6 +58,7 @@ class ImportReport(BaseModel):
     created: int
     updated: int
     unchanged: int
+    changes: list[BeaconChange] = Field(description=f"The first {MAX_CHANGES} of them")
     refused: list[RefusedRow]
 
 
@@ -90,6 +103,7 @@ async def import_beacons(
         created=len(plan.created),
         updated=len(plan.updated),
         unchanged=plan.unchanged,
+        changes=_changes(plan),
         refused=sorted(refused, key=lambda row: row.line),
     )
 
@@ -107,6 +121,19 @@ async def export_beacons(
         return JSONResponse({"items": items})
     disposition = {"Content-Disposition": 'attachment; filename="beacons.csv"'}
     return Response(write_beacons_csv(items), media_type="text/csv", headers=disposition)
+
+
+def _changes(plan: ImportPlan) -> list[BeaconChange]:
+    added = [(None, beacon) for beacon in plan.created]
+    changed = [(plan.before[beacon.beacon_id], beacon) for beacon in plan.updated]
+    return [_change(before, after) for before, after in (*added, *changed)][:MAX_CHANGES]
+
+
+def _change(before: StoredBeacon | None, after: StoredBeacon) -> BeaconChange:
+    now = beacon_view(after).model_dump()
+    was = dict.fromkeys(now) if before is None else beacon_view(before).model_dump()
+    change = {name: (was[name], value) for name, value in now.items() if was[name] != value}
+    return BeaconChange(beacon_id=after.beacon_id, added=before is None, change=change)
 
 
 async def _rows(request: Request) -> list[BeaconRow]:

@@ -1,6 +1,7 @@
 """``/v1/beacons``: transmitters with a surveyed place and their calibration, one by one."""
 
 from dataclasses import replace
+from functools import partial
 from typing import Annotated, Any, Literal, Self
 
 from fastapi import Request, Response
@@ -11,6 +12,7 @@ from app.api.conditional import (
     NOT_MODIFIED,
     MergePatch,
     Seen,
+    etag_of,
     is_held,
     not_modified,
     patch_schema,
@@ -34,7 +36,7 @@ from app.api.resource import (
 )
 from app.formats.transmitters import canonical_key
 from app.services import beacons as beacon_service
-from app.services.errors import found
+from app.services.errors import found, invalid_field
 from app.storage import beacons
 from app.storage.beacons import BeaconFilter, StoredBeacon
 
@@ -68,7 +70,7 @@ class BeaconFields(StrictModel):
 
     kind: Kind
     keys: Annotated[list[Key], Field(min_length=1, max_length=16)] = Field(
-        description="What phones hear it by: mac:…, ibeacon:uuid:major:minor, "
+        description="What phones hear it by: mac:… (or bssid:…), ibeacon:uuid:major:minor, "
         "eddystone:namespace:instance, altbeacon:…; the first is the most specific"
     )
     name: Text = ""
@@ -137,6 +139,44 @@ async def create_beacon(
     return created(response, path, stored.row_version, beacon_view(stored))
 
 
+class BeaconEdit(StrictModel):
+    """A merge-patch of one beacon; `etag` is that of the state it was made on."""
+
+    beacon_id: Reference
+    etag: Annotated[str, Field(max_length=40)] | None = None
+    patch: dict[str, Any]
+
+
+class BeaconEdits(StrictModel):
+    """Several edits, made all or none."""
+
+    items: Annotated[list[BeaconEdit], Field(min_length=1, max_length=2000)]
+
+
+class TaggedBeacon(Beacon):
+    """A beacon with its entity tag, which a list has no header for."""
+
+    etag: str
+
+
+@router.patch("")
+async def patch_beacons(
+    body: BeaconEdits, principal: Admin, context: Context
+) -> dict[str, list[TaggedBeacon]]:
+    """Change several beacons, all or none; an `etag` that is not the stored one refuses all."""
+    edits = {}
+    for item in body.items:
+        await _beacon(context, principal, item.beacon_id)
+        seen = None if item.etag is None else frozenset({item.etag.strip('"')})
+        edits[item.beacon_id] = (seen, partial(_patched_beacon, item.patch))
+    if len(edits) < len(body.items):
+        raise invalid_field(pointer="#/items", detail="a beacon is there twice")
+    stored = await beacon_service.edit_beacons(context.database, edits)
+    await context.directory.refresh()
+    views = [(beacon_view(beacon), etag_of(beacon.row_version)) for beacon in stored]
+    return {"items": [TaggedBeacon(**view.model_dump(), etag=etag) for view, etag in views]}
+
+
 @router.get("/{beacon_id}", response_model=Beacon, responses=NOT_MODIFIED)
 async def get_beacon(
     beacon_id: str, principal: Reader, context: Context, request: Request, response: Response
@@ -177,11 +217,9 @@ async def patch_beacon(
 ) -> Beacon:
     """Change some fields of a beacon (merge-patch)."""
     await _beacon(context, principal, beacon_id)
-
-    def edit(beacon: StoredBeacon) -> StoredBeacon:
-        return replace(beacon, **_columns(patched(BeaconFields(**_fields(beacon)), patch)))
-
-    stored = await beacon_service.edit_beacon(context.database, beacon_id, seen, edit)
+    stored = await beacon_service.edit_beacon(
+        context.database, beacon_id, seen, partial(_patched_beacon, patch)
+    )
     await context.directory.refresh()
     return tagged(response, stored.row_version, beacon_view(stored))
 
@@ -192,6 +230,10 @@ async def delete_beacon(beacon_id: str, principal: Admin, context: Context, seen
     await _beacon(context, principal, beacon_id)
     await beacon_service.delete_beacon(context.database, beacon_id, seen)
     await context.directory.refresh()
+
+
+def _patched_beacon(patch: dict[str, Any], beacon: StoredBeacon) -> StoredBeacon:
+    return replace(beacon, **_columns(patched(BeaconFields(**_fields(beacon)), patch)))
 
 
 def stored_beacon(site_id: str, beacon_id: str, fields: BeaconFields) -> StoredBeacon:

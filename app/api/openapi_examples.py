@@ -1,8 +1,25 @@
 """One request of every operation that takes JSON; in this order they build up a small site."""
 
+import math
 from typing import Any
 
 Example = dict[str, Any]
+
+
+def _levels(beacon_id: str, x_m: float, y_m: float) -> list[Example]:
+    """Return what a phone hears of a beacon of -61 dBm and exponent 2.3, every 3 m around it."""
+    places = [(x_m + 3.0 * i, y_m + 3.0 * j) for i in range(7) for j in range(-3, 4)]
+    return [
+        {
+            "x": x,
+            "y": y,
+            "rssi_dbm": round(-61.0 - 23.0 * math.log10(math.hypot(x - x_m, y - y_m, 2.4)), 1),
+            "beacon_id": beacon_id,
+            "device_id": "phone-7",
+        }
+        for x, y in places
+    ]
+
 
 EXAMPLES: dict[tuple[str, str], Example] = {
     ("post", "/v1/login"): {"token": "pharos_as-the-server-printed-it"},
@@ -98,6 +115,17 @@ EXAMPLES: dict[tuple[str, str], Example] = {
     },
     ("post", "/v1/surveys/uploads"): {"site_id": "hall", "name": "May", "total_bytes": 1000},
     ("post", "/v1/surveys/from-session"): {"device_id": "phone-7", "name": "Ground floor"},
+    ("patch", "/v1/beacons"): {
+        "items": [
+            {"beacon_id": "entrance", "patch": {"z": 2.4}},
+            {"beacon_id": "stairs", "etag": '"1"', "patch": {"name": "Stairs, ground floor"}},
+        ]
+    },
+    ("post", "/v1/floors/{floor_id}/calibration"): {"levels": _levels("entrance", 3.5, 12.2)},
+    ("post", "/v1/floors/{floor_id}/beacon-places"): {
+        "levels": _levels("stairs", 38.0, 8.0),
+        "beacon_ids": ["stairs"],
+    },
     ("post", "/v1/tokens"): {
         "name": "Phones of the hall",
         "role": "device",

@@ -2,17 +2,12 @@
 
 import typer
 
+from app.cli.calibrate_beacons import calibrate_beacons
 from app.cli.calibrate_fusion import calibrate_fusion
 
 calibrating = typer.Typer(
     no_args_is_help=True, help="Fit parameters on recordings with known positions."
 )
 
-
-@calibrating.callback()
-def _options() -> None:
-    # Typer makes a group, and not one command, of an application that has this.
-    pass
-
-
+calibrating.command("beacons")(calibrate_beacons)
 calibrating.command("fusion")(calibrate_fusion)

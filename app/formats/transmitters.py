@@ -35,7 +35,7 @@ def canonical_key(text: str) -> str:
     """Return the canonical spelling of a key; ValueError says what is wrong with it."""
     kind, _, rest = text.strip().partition(":")
     kind = kind.lower()
-    if kind == "mac":
+    if kind in {"mac", "bssid"}:
         return mac_key(rest)
     if kind == "altbeacon":
         return altbeacon_key(rest)

@@ -1,6 +1,6 @@
 """Edits of the beacon registry, one by one and by the table."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from sqlalchemy import Connection
@@ -43,6 +43,31 @@ async def edit_beacon(
     return await write(database, statement)
 
 
+async def edit_beacons(
+    database: Database,
+    edits: Mapping[str, tuple[SeenVersions, Callable[[StoredBeacon], StoredBeacon]]],
+) -> list[StoredBeacon]:
+    """Change several beacons, all or none; keys may go from one of them to another."""
+
+    def statement(connection: Connection) -> list[StoredBeacon]:
+        edited = [
+            edit(_seen_beacon(connection, beacon_id, seen))
+            for beacon_id, (seen, edit) in edits.items()
+        ]
+        for beacon in edited:
+            _check_floor(connection, beacon)
+            beacons.drop_keys(connection, beacon.beacon_id)
+        stored = [
+            replace(beacon, row_version=beacons.update_beacon(connection, beacon))
+            for beacon in edited
+        ]
+        for site_id in {beacon.site_id for beacon in stored}:
+            sites.touch_model(connection, site_id)
+        return stored
+
+    return await write(database, statement)
+
+
 async def delete_beacon(database: Database, beacon_id: str, seen: SeenVersions) -> None:
     """Remove a beacon."""
 
@@ -64,12 +89,13 @@ class Refused:
 
 @dataclass(frozen=True, slots=True)
 class ImportPlan:
-    """What an import does, or would do."""
+    """What an import does, or would do; ``before`` are those to be changed as they are stored."""
 
     created: tuple[StoredBeacon, ...] = ()
     updated: tuple[StoredBeacon, ...] = ()
     unchanged: int = 0
     refused: tuple[Refused, ...] = ()
+    before: dict[str, StoredBeacon] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +128,8 @@ def plan_import(rows: Sequence[StoredBeacon], around: Surroundings) -> ImportPla
     changed = _changed(taken.values(), around.stored)
     created = tuple(row for row in taken.values() if row.beacon_id not in around.stored)
     unchanged = len(taken) - len(created) - len(changed)
-    return ImportPlan(created, changed, unchanged, tuple(refused))
+    before = {row.beacon_id: around.stored[row.beacon_id] for row in changed}
+    return ImportPlan(created, changed, unchanged, tuple(refused), before)
 
 
 async def import_beacons(

@@ -4,8 +4,6 @@ Times are seconds since the Unix epoch as 64-bit floats (``*_s``); ``time_us`` i
 in whole microseconds where it serves as a key. ``row_version`` counts the edits of a row: its ETag.
 """
 
-from collections.abc import Callable
-
 from sqlalchemy import (
     JSON,
     BigInteger,
@@ -17,49 +15,13 @@ from sqlalchemy import (
     Index,
     Integer,
     LargeBinary,
-    MetaData,
     String,
     Table,
     UniqueConstraint,
     text,
 )
-from sqlalchemy.types import TypeEngine, UserDefinedType
 
-
-class ExactFloat(UserDefinedType[float]):
-    """A 64-bit float that SQLite stores untouched.
-
-    A column declared as a floating type has REAL affinity, under which SQLite turns -0.0 into 0.0;
-    one declared BLOB has none, and every bit that went in comes out.
-    """
-
-    cache_ok = True
-
-    def get_col_spec(self, **_: object) -> str:
-        """Return the declared type."""
-        return "BLOB"
-
-    def bind_processor(self, dialect: object) -> Callable[[float | None], float | None]:
-        """Return a function that makes floats of integers and NumPy scalars."""
-        _ = dialect
-        return lambda value: None if value is None else float(value)
-
-
-METADATA = MetaData(
-    naming_convention={
-        "ix": "ix_%(table_name)s_%(column_0_N_name)s",
-        "uq": "uq_%(table_name)s_%(column_0_N_name)s",
-        "ck": "ck_%(table_name)s_%(constraint_name)s",
-        "fk": "fk_%(table_name)s_%(column_0_N_name)s_%(referred_table_name)s",
-        "pk": "pk_%(table_name)s",
-    }
-)
-
-# SQLite numbers rows by itself only in a column declared INTEGER; there that is 64 bits wide too.
-ROW_ID = BigInteger().with_variant(Integer(), "sqlite")
-EXACT_FLOAT: TypeEngine[float] = Double().with_variant(ExactFloat(), "sqlite")
-# Absent JSON is SQL NULL, never the JSON text "null".
-JSON_OR_NULL = JSON(none_as_null=True)
+from app.storage.columns import EXACT_FLOAT, JSON_OR_NULL, METADATA, ROW_ID
 
 
 def _site_id(*, nullable: bool = False, index: bool = True) -> Column[str]:
@@ -149,6 +111,31 @@ BEACON_KEYS = Table(
     ),
     # Order of the keys as registered, most specific first.
     Column("rank", Integer, nullable=False),
+)
+
+CALIBRATIONS = Table(
+    "calibrations",
+    METADATA,
+    Column("id", String, primary_key=True),
+    _site_id(),
+    Column(
+        "floor_id",
+        String,
+        ForeignKey("floors.id", ondelete="CASCADE"),
+        nullable=False,
+        index=True,
+    ),
+    Column("kind", String, nullable=False),
+    Column("source", JSON, nullable=False),
+    Column("report", JSON, nullable=False),
+    # Columns of the beacons as they would be, and of which row version that was thought.
+    Column("proposed", JSON, nullable=False),
+    Column("offsets_db", JSON, nullable=False),
+    Column("created_s", Double, nullable=False),
+    # NULL: a draft.
+    Column("applied_s", Double),
+    _row_version(),
+    CheckConstraint("kind IN ('levels', 'places')", name="kind"),
 )
 
 DEVICES = Table(

@@ -28,6 +28,7 @@ async def test_an_export_imports_as_unchanged_in_both_formats(server: ApiServer)
                 "created": 0,
                 "updated": 0,
                 "unchanged": 5,
+                "changes": [],
                 "refused": [],
             }
 
@@ -50,6 +51,11 @@ async def test_an_import_adds_changes_and_lists_what_it_refuses(server: ApiServe
             reply = await admin.post(IMPORT, params=params, content=table, headers=CSV)
             report = reply.json()
             assert (report["dry_run"], report["created"], report["updated"]) == (dry_run, 1, 1)
+            changes = {each["beacon_id"]: each for each in report["changes"]}
+            assert sorted(changes) == ["b1", "n1"]
+            assert changes["n1"]["added"]
+            assert changes["b1"]["change"]["x"] == [0.0, 0.5]
+            assert "kind" not in changes["b1"]["change"]
             refused = {row["line"]: row["detail"] for row in report["refused"]}
             assert sorted(refused) == [4, 5, 6, 7, 8]
             assert "lab-9" in refused[4]
@@ -103,3 +109,26 @@ async def test_what_is_no_table_is_refused(server: ApiServer) -> None:
                 IMPORT, params={"site_id": "lab"}, content=body, headers=headers
             )
             assert reply.status_code == status, (media_type, body[:20])
+
+
+async def test_a_bulk_edit_changes_all_or_none(server: ApiServer) -> None:
+    async with server.client() as admin:
+        etag = (await admin.get("/v1/beacons/b1")).headers["ETag"]
+        items = [
+            {"beacon_id": "b1", "etag": etag, "patch": {"name": "door"}},
+            {"beacon_id": "b2", "patch": {"x": 19.5, "keys": ["bssid:A4-C1-38-00-00-77"]}},
+        ]
+        reply = await admin.patch("/v1/beacons", json={"items": items})
+        assert reply.status_code == 200, reply.text
+        first, second = reply.json()["items"]
+        assert (first["name"], second["x"]) == ("door", 19.5)
+        assert second["keys"] == ["mac:a4c138000077"]
+        assert first["etag"] == (await admin.get("/v1/beacons/b1")).headers["ETag"] != etag
+        items[1]["patch"] = {"x": 1.0}
+        stale = await admin.patch("/v1/beacons", json={"items": items})
+        assert (stale.status_code, stale.json()["code"]) == (412, "etag_mismatch")
+        assert (await admin.get("/v1/beacons/b2")).json()["x"] == 19.5
+        wrong = [{"beacon_id": "b3", "patch": {"x": None}}]
+        assert (await admin.patch("/v1/beacons", json={"items": wrong})).status_code == 422
+        missing = [{"beacon_id": "none", "patch": {}}]
+        assert (await admin.patch("/v1/beacons", json={"items": missing})).status_code == 404

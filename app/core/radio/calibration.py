@@ -93,6 +93,9 @@ class Calibration:
         What each phone hears more than the mean one.
     mean_ref_level_dbm, mean_exponent
         The floor's mean: what an anchor of which nothing is known gets.
+    determined_share : (anchors, 2)
+        How much of level and exponent the anchor's own readings tell, 0 (nothing: they are the
+        floor's mean) to 1 (all): ``1 - V_kk / T_kk``.
     residual_db
         Deviation of all readings from the models.
     """
@@ -102,6 +105,7 @@ class Calibration:
     shadowing_db: FloatArray
     readings: IntArray
     offset_db: FloatArray
+    determined_share: FloatArray
     mean_ref_level_dbm: float
     mean_exponent: float
     residual_db: float
@@ -157,6 +161,7 @@ def calibrate(
         shadowing_db=np.sqrt(squares / (count + params.noise_weight)),
         readings=count,
         offset_db=offset,
+        determined_share=_determined_share(S / noise2, spread),
         mean_ref_level_dbm=float(mean[0]),
         mean_exponent=float(mean[1]),
         residual_db=float(np.sqrt(np.mean(residual**2))),
@@ -176,6 +181,20 @@ def calibrated(anchors: Sequence[Anchor], calibration: Calibration) -> tuple[Anc
     )
 
 
+def residuals_db(
+    levels: LabelledLevels,
+    anchors: Sequence[Anchor],
+    calibration: Calibration,
+    params: CalibrationParams,
+) -> FloatArray:
+    """Return each level (readings,) less what its anchor's model and phone's offset expect."""
+    x = _regressors(levels, anchors, params.phone_height_m)
+    models = np.column_stack([calibration.ref_level_dbm, calibration.path_loss_exponent])
+    offset_db = calibration.offset_db[levels.phone_index]
+    expected_dbm = (x * models[levels.anchor_index]).sum(axis=1) + offset_db
+    return np.asarray(levels.rssi_dbm - expected_dbm)
+
+
 def _regressors(
     levels: LabelledLevels, anchors: Sequence[Anchor], phone_height_m: float
 ) -> FloatArray:
@@ -185,6 +204,12 @@ def _regressors(
     distance_m = np.sqrt((levels.x_m - x_m) ** 2 + (levels.y_m - y_m) ** 2 + dz_m**2)
     decades = np.log10(np.maximum(distance_m, NEAR_FIELD_M) / reference_m)
     return np.column_stack([np.ones(len(decades)), -10.0 * decades])
+
+
+def _determined_share(information: FloatArray, spread: FloatArray) -> FloatArray:
+    """Return how much less than the spread (2, 2) is open after the anchors' own readings."""
+    V = np.linalg.inv(information + np.linalg.inv(spread))
+    return np.asarray(1.0 - np.diagonal(V, axis1=1, axis2=2) / np.diag(spread))
 
 
 def _sums(group: IntArray, values: FloatArray, groups: int) -> FloatArray:

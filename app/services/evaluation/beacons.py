@@ -12,15 +12,18 @@ from app.core.fingerprint.radio_map import RadioMap
 from app.core.lateration.posterior import PhoneOffset, PlacePrior, local_levels, place_posterior
 from app.core.lateration.surface import box_around, corners_around
 from app.core.params import LaterationParams, MatchParams
+from app.core.radio.beacon_places import BeaconPlacesParams, beacon_places
 from app.core.radio.calibration import (
     Calibration,
     CalibrationParams,
     LabelledLevels,
     calibrate,
     calibrated,
+    residuals_db,
 )
+from app.core.radio.cross_validation import at_the_mean, careful
 from app.core.radio.path_loss import LevelModel, X, Y, level_model
-from app.core.radio.wall_losses import loss_map_db, wall_losses_db
+from app.core.radio.wall_losses import NO_LOSS, loss_map_db, wall_losses_db
 from app.core.radio.windows import Window
 from app.core.site import Wall
 from app.core.types import Anchor, FloatArray
@@ -37,6 +40,9 @@ anchors."""
 
 UNKNOWN_PHONE = replace(LATERATION, offset_prior_db=10.0)
 """The same for a phone that was never calibrated."""
+
+CHI2_95 = 5.99
+"""A point of two dimensions is within this (squared, normalised) in 95 of 100 cases."""
 
 ATTENUATIONS_DB = tuple(0.5 * step for step in range(13))
 """What a wall, or one side of a piece of furniture, may take: nothing to 6 dB (a brick wall)."""
@@ -97,6 +103,80 @@ def _calibration(
         unobstructed_dbm[own] += wall_losses_db(walls, place_m, heard[own, 1], heard[own, 2])
     levels = LabelledLevels(index, np.zeros_like(index), heard[:, 1], heard[:, 2], unobstructed_dbm)
     return calibrate(levels, anchors, params)
+
+
+def carefully_surveyed(anchors: Sequence[Anchor], heard: FloatArray) -> Surroundings:
+    """Calibrate as the server does, without walls: as `surveyed`, checked at places left out."""
+    levels, params = _of_one_phone(heard), CalibrationParams()
+    return _in_the_open(calibrated(anchors, careful(levels, anchors, params)[0]))
+
+
+def ratios_to_mean(anchors: Sequence[Anchor], heard: FloatArray, asked: FloatArray) -> list[float]:
+    """Return each anchor's residual at other places, as a ratio to that of the floor's mean model.
+
+    Parameters
+    ----------
+    heard, asked : (n, 4)
+        Anchor, x, y and level of the readings to calibrate with, and of those to ask.
+    """
+    params, levels = CalibrationParams(), _of_one_phone(asked)
+    fit, _ = careful(_of_one_phone(heard), anchors, params)
+    squares = [
+        np.bincount(
+            levels.anchor_index, residuals_db(levels, anchors, which, params) ** 2, len(anchors)
+        )
+        for which in (fit, at_the_mean(fit))
+    ]
+    is_asked = squares[1] > 0.0
+    ratios: list[float] = np.sqrt(squares[0][is_asked] / squares[1][is_asked]).tolist()
+    return ratios
+
+
+@dataclass(frozen=True, slots=True)
+class PlaceError:
+    """How far an estimated place is from the true one, and whether that was told (95 %)."""
+
+    error_m: float
+    is_inside95: bool
+
+
+def placed(
+    anchors: Sequence[Anchor], heard: FloatArray, z_m: float, params: BeaconPlacesParams
+) -> tuple[Surroundings, list[PlaceError]]:
+    """Return anchors at estimated places, as if theirs were not known, and how wrong these are."""
+    found = beacon_places(_of_one_phone(heard), len(anchors), params)
+    estimated, errors = [], []
+    for i, anchor in enumerate(anchors):
+        if np.isnan(found.x_m[i]):
+            continue
+        x_m, y_m = float(found.x_m[i]), float(found.y_m[i])
+        off = np.array([x_m - anchor.x_m, y_m - anchor.y_m])
+        distance2 = float(off @ np.linalg.solve(found.covariance_m2[i], off))
+        errors.append(PlaceError(float(np.hypot(*off)), distance2 <= CHI2_95))
+        model = (found.ref_level_dbm[i], found.path_loss_exponent[i], found.shadowing_db[i])
+        level_dbm, exponent, shadowing_db = map(float, model)
+        estimated.append(
+            replace(
+                anchor,
+                x_m=x_m,
+                y_m=y_m,
+                z_m=z_m,
+                ref_level_dbm=level_dbm,
+                path_loss_exponent=exponent,
+                shadowing_db=shadowing_db,
+            )
+        )
+    return _in_the_open(tuple(estimated), z_m - params.height_m), errors
+
+
+def _in_the_open(anchors: tuple[Anchor, ...], phone_height_m: float = 0.0) -> Surroundings:
+    model = level_model(anchors, phone_height_m)
+    return Surroundings(anchors, (), model, (NO_LOSS,) * len(anchors))
+
+
+def _of_one_phone(heard: FloatArray) -> LabelledLevels:
+    index = heard[:, 0].astype(np.int64)
+    return LabelledLevels(index, np.zeros_like(index), heard[:, 1], heard[:, 2], heard[:, 3])
 
 
 def laterated(window: Window, among: Surroundings, params: LaterationParams) -> Place | None:

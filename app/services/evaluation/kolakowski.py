@@ -8,6 +8,8 @@ import numpy as np
 from app.core.engine import PROFILES, advance, finish, smoothed, start
 from app.core.fingerprint.radio_map import Fingerprint, RadioMap, build_radio_map
 from app.core.params import MatchParams
+from app.core.radio.beacon_places import BeaconPlacesParams
+from app.core.radio.local_mean import local_means_dbm
 from app.core.radio.windows import window_of
 from app.core.site import Floor, SiteModel, Wall
 from app.core.types import Anchor, BleScan, Reading, TrackPoint
@@ -18,6 +20,7 @@ from app.services.evaluation.beacons import (
     Surroundings,
     laterated,
     matched,
+    placed,
     surveyed,
 )
 from app.services.evaluation.figures import Evaluation, Figures, error_figures
@@ -27,8 +30,9 @@ PROTOCOL = (
     "calibration drive; asked at every row of the test drive, causal, with the levels of the last "
     "2 s; engine: the profiles best, grinyak2018 and blunavi2020 (the latter two without walls), "
     "fed with the same rows as scans, and their stored tracks; methods were compared on quarters "
-    "of the calibration drive, each asked with what the other three calibrate; roles reversed, the "
-    "robot transmits"
+    "of the calibration drive, each asked with what the other three calibrate; estimated_places: "
+    "lateration without walls among receivers whose places were estimated on the calibration "
+    "drive; roles reversed, the robot transmits"
 )
 WINDOW_S = 2.0
 TRANSMITTER_HEIGHT_M = 1.3
@@ -58,8 +62,35 @@ def evaluate(
         "grinyak2018": _engine_figures(asked, laterating, "grinyak2018"),
         "blunavi2020_ranges": _engine_figures(asked, laterating, "blunavi2020"),
         "blunavi2020_votes": _engine_figures(asked, mapped, "blunavi2020"),
+        "estimated_places": _estimated_figures(anchors, calibration, asked),
     }
     return Evaluation("kolakowski", "pharos evaluate kolakowski DIR", PROTOCOL, profiles)
+
+
+def _estimated_figures(
+    anchors: Sequence[Anchor], calibration: RobotRecording, asked: RobotRecording
+) -> Figures:
+    """Return lateration among receivers whose places were estimated on the calibration drive."""
+    row, index = np.nonzero(~np.isnan(calibration.rssi_dbm))
+    x_m, y_m = calibration.x_m[row], calibration.y_m[row]
+    cells, group, count = np.unique(
+        np.column_stack([index, np.floor(x_m), np.floor(y_m)]),
+        axis=0,
+        return_inverse=True,
+        return_counts=True,
+    )
+    group = group.reshape(-1)
+    means_dbm = local_means_dbm(group, calibration.rssi_dbm[row, index], len(cells))
+    places = (np.bincount(group, axis) / count for axis in (x_m, y_m))
+    params = BeaconPlacesParams()
+    z_m = TRANSMITTER_HEIGHT_M + params.height_m
+    heard = np.column_stack([cells[:, 0], *places, means_dbm])
+    estimated, errors = placed(anchors, heard, z_m, params)
+    return {
+        **_figures(asked, _lateration(asked, estimated)),
+        "place_mean_error_m": float(np.mean([place.error_m for place in errors])),
+        "place_coverage95": float(np.mean([place.is_inside95 for place in errors])),
+    }
 
 
 def _figures(asked: RobotRecording, locate: Callable[[int], Place | None]) -> Figures:

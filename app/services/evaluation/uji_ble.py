@@ -2,6 +2,7 @@
 
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
 from itertools import groupby
 from typing import TypeAlias
 
@@ -10,6 +11,7 @@ import numpy as np
 from app.core.fingerprint.radio_map import Fingerprint, build_radio_map
 from app.core.lateration.centroid import CentroidParams, weighted_centroid
 from app.core.params import LaterationParams, MatchParams
+from app.core.radio.beacon_places import BeaconPlacesParams
 from app.core.radio.local_mean import local_means_dbm
 from app.core.radio.path_loss import LevelModel
 from app.core.radio.windows import window_of
@@ -21,9 +23,13 @@ from app.services.evaluation.beacons import (
     MIN_ANCHORS,
     UNKNOWN_PHONE,
     Place,
+    PlaceError,
     Surroundings,
+    carefully_surveyed,
     laterated,
     matched,
+    placed,
+    ratios_to_mean,
     surveyed,
 )
 from app.services.evaluation.figures import Evaluation, Figures, error_figures
@@ -36,7 +42,11 @@ PROTOCOL = (
     "parameters of lateration were compared within the first half only, every fourth of its places "
     "asked with what the others calibrate; lateration knows the plan's shelves and pillars, and "
     "what a side of them takes is fitted in the first half; lateration_without_plan does not; "
-    "lateration_10_db_off: 10 dB added to and taken off all levels, of which lateration is not told"
+    "lateration_10_db_off: 10 dB added to and taken off all levels, of which lateration is not "
+    "told; calibrated_on_half and calibrated_on_all: as POST /v1/floors/{id}/calibration fits, "
+    "without plan, on the first half and on all points; worst_beacon_ratio: largest ratio, over "
+    "beacons and powers, of the rms residual at the second half to that of the floor's mean model; "
+    "estimated_places: lateration with beacons whose places were estimated on the first half"
 )
 UNKNOWN_OFFSETS_DB = (-10.0, 10.0)
 
@@ -49,20 +59,53 @@ def evaluate(
 ) -> Evaluation:
     """Return the figures of every method."""
     errors: dict[str, dict[str, list[float]]] = defaultdict(lambda: defaultdict(list))
+    told = _Beacons()
     for trained, asked in _splits(scans, zone):
-        for name, (locate, offsets_db) in _methods(anchors, trained, obstacles).items():
+        methods = _methods(anchors, trained, obstacles)
+        methods |= _calibrations(anchors, trained, asked, told)
+        for name, (locate, offsets_db) in methods.items():
             for offset_db in offsets_db:
                 one = ([scan] for scan in asked)
                 errors[name]["one"] += _errors_m(locate, one, offset_db)
                 errors[name]["mean"] += _errors_m(locate, _by_point(asked), offset_db)
-    few = sum(_beacons(scan) < MIN_ANCHORS for _, asked in _splits(scans, zone) for scan in asked)
-    total = sum(len(asked) for _, asked in _splits(scans, zone))
+    few_share = _few_share(scans, zone)
+    of_beacons: dict[str, Figures] = {
+        "calibrated_on_half": {"worst_beacon_ratio": max(told.ratios)},
+        "estimated_places": told.place_figures(),
+    }
+    figures = {
+        name: {**_figures(found, few_share), **of_beacons.get(name, {})}
+        for name, found in errors.items()
+    }
     return Evaluation(
         dataset=f"uji-ble {zone}",
         command=f"pharos evaluate uji-ble DIR --zone {zone}",
         protocol=PROTOCOL,
-        profiles={name: _figures(found, few / total) for name, found in errors.items()},
+        profiles=figures,
     )
+
+
+@dataclass(slots=True)
+class _Beacons:
+    """What calibration and placing tell of the beacons themselves, over phones and powers."""
+
+    ratios: list[float] = field(default_factory=list)
+    places: list[PlaceError] = field(default_factory=list)
+
+    def place_figures(self) -> Figures:
+        """Return how far estimated places are from the true ones."""
+        errors_m = [place.error_m for place in self.places]
+        return {
+            "place_mean_error_m": float(np.mean(errors_m)),
+            "place_median_error_m": float(np.median(errors_m)),
+            "place_coverage95": float(np.mean([place.is_inside95 for place in self.places])),
+        }
+
+
+def _few_share(scans: Sequence[PointScan], zone: str) -> float:
+    few = sum(_beacons(scan) < MIN_ANCHORS for _, asked in _splits(scans, zone) for scan in asked)
+    total = sum(len(asked) for _, asked in _splits(scans, zone))
+    return few / total
 
 
 def _figures(found: dict[str, list[float]], few_share: float) -> Figures:
@@ -120,15 +163,8 @@ def _methods(
     anchors: Sequence[Anchor], trained: Sequence[PointScan], obstacles: Sequence[Wall]
 ) -> dict[str, tuple[Locate, tuple[float, ...]]]:
     index = {anchor.anchor_id: i for i, anchor in enumerate(anchors)}
-    heard = [
-        (index[anchor_id], scans[0].x_m, scans[0].y_m, level_dbm)
-        for scans in _by_point(trained)
-        for anchor_id, level_dbm in _local_means(scans).items()
-    ]
-    open_plan, with_plan = (
-        surveyed(anchors, np.array(heard)),
-        surveyed(anchors, np.array(heard), obstacles),
-    )
+    heard = _heard(index, trained)
+    open_plan, with_plan = surveyed(anchors, heard), surveyed(anchors, heard, obstacles)
     as_calibrated = (0.0,)
     return {
         "lateration": (_lateration(index, with_plan, LATERATION), as_calibrated),
@@ -137,6 +173,41 @@ def _methods(
         "weighted_centroid": (_centroid(index, open_plan.model), as_calibrated),
         "fingerprint": (_fingerprint(trained), as_calibrated),
     }
+
+
+def _calibrations(
+    anchors: Sequence[Anchor],
+    trained: Sequence[PointScan],
+    asked: Sequence[PointScan],
+    told: _Beacons,
+) -> dict[str, tuple[Locate, tuple[float, ...]]]:
+    """Return lateration with calibrations as the server makes them; note what they tell."""
+    index = {anchor.anchor_id: i for i, anchor in enumerate(anchors)}
+    heard, others = _heard(index, trained), _heard(index, asked)
+    told.ratios += ratios_to_mean(anchors, heard, others)
+    params = BeaconPlacesParams()
+    estimated, errors = placed(anchors, heard, params.height_m, params)
+    told.places += errors
+    estimated_index = {anchor.anchor_id: i for i, anchor in enumerate(estimated.anchors)}
+    half = carefully_surveyed(anchors, heard)
+    every = carefully_surveyed(anchors, np.vstack([heard, others]))
+    as_calibrated = (0.0,)
+    return {
+        "calibrated_on_half": (_lateration(index, half, LATERATION), as_calibrated),
+        "calibrated_on_all": (_lateration(index, every, LATERATION), as_calibrated),
+        "estimated_places": (_lateration(estimated_index, estimated, LATERATION), as_calibrated),
+    }
+
+
+def _heard(index: dict[str, int], scans: Sequence[PointScan]) -> FloatArray:
+    """Return anchor, x, y and local mean level (n, 4) of each anchor at each point."""
+    return np.array(
+        [
+            (index[anchor_id], of_point[0].x_m, of_point[0].y_m, level_dbm)
+            for of_point in _by_point(scans)
+            for anchor_id, level_dbm in _local_means(of_point).items()
+        ]
+    )
 
 
 def _lateration(index: dict[str, int], among: Surroundings, params: LaterationParams) -> Locate:
@@ -175,6 +246,7 @@ def _readings(
             (index[level.anchor_id], level.time_s, level.rssi_dbm + offset_db)
             for scan in scans
             for level in scan.levels
+            if level.anchor_id in index
         ]
     ).reshape(-1, 3)
     return rows[:, 0].astype(np.int64), rows[:, 1], rows[:, 2]
