@@ -19,6 +19,7 @@ from app.config import Settings
 from app.core.engine import warm_up
 from app.services.ageing import AgeingService
 from app.services.first_start import make_first_token
+from app.services.growth import GrowthService
 from app.services.housekeeping import Housekeeping, Retention
 from app.services.ingest import IngestService
 from app.services.jobs import JobBoard
@@ -158,6 +159,7 @@ def _build(
         hub=hub,
         ingest=IngestService(registry, hub, directory, database, clock),
         replays=ReplayService(database, directory),
+        growth=GrowthService(database, directory),
         authenticator=Authenticator(
             lambda token_hash: database.read(lambda c: find_token(c, token_hash)),
             clock,

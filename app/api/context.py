@@ -6,6 +6,7 @@ from typing import cast
 from starlette.requests import HTTPConnection
 
 from app.services.ageing import AgeingService
+from app.services.growth import GrowthService
 from app.services.ingest import IngestService
 from app.services.jobs import JobBoard
 from app.services.planning_queue import PlanQueue
@@ -41,6 +42,7 @@ class ApiContext:
     hub: Hub
     ingest: IngestService
     replays: ReplayService
+    growth: GrowthService
     authenticator: Authenticator
     plans: PlanQueue
     builds: RadioMapBuilds

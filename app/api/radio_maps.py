@@ -111,7 +111,7 @@ async def list_radio_maps(
             c, site_id=site, active=active, after=paging.after, limit=paging.limit
         )
     )
-    return page_of(rows, paging.limit, lambda radio_map: radio_map.radio_map_id, _view)
+    return page_of(rows, paging.limit, lambda radio_map: radio_map.radio_map_id, radio_map_view)
 
 
 @router.post("", status_code=202)
@@ -148,13 +148,13 @@ async def import_radio_map(
         context.database, lambda c: radio_map_service.imported(c, site_id, content, now_s)
     )
     response.headers["Location"] = f"/v1/radio-maps/{stored.radio_map_id}"
-    return _view(stored)
+    return radio_map_view(stored)
 
 
 @router.get("/{radio_map_id}")
 async def get_radio_map(radio_map_id: str, principal: Reader, context: Context) -> RadioMap:
     """Return what is known of one radio map."""
-    return _view(await _reached(context, principal, radio_map_id))
+    return radio_map_view(await _reached(context, principal, radio_map_id))
 
 
 @router.get(
@@ -189,7 +189,7 @@ async def activate_radio_map(radio_map_id: str, principal: Admin, context: Conte
     await _reached(context, principal, radio_map_id)
     stored = await write(context.database, lambda c: radio_map_service.activate(c, radio_map_id))
     await context.directory.refresh()
-    return _view(stored)
+    return radio_map_view(stored)
 
 
 @router.delete("/{radio_map_id}", status_code=204)
@@ -205,7 +205,7 @@ async def roll_back_radio_map(site_id: str, principal: Admin, context: Context) 
     check_site(principal, site_id)
     stored = await write(context.database, lambda c: radio_map_service.roll_back(c, site_id))
     await context.directory.refresh()
-    return _view(stored)
+    return radio_map_view(stored)
 
 
 async def _reached(context: ApiContext, principal: Principal, radio_map_id: str) -> StoredRadioMap:
@@ -243,7 +243,8 @@ def _comparison(comparison: Comparison) -> MapComparison:
     )
 
 
-def _view(radio_map: StoredRadioMap) -> RadioMap:
+def radio_map_view(radio_map: StoredRadioMap) -> RadioMap:
+    """Return a radio map as it is told."""
     return RadioMap(
         radio_map_id=radio_map.radio_map_id,
         site_id=radio_map.site_id,

@@ -50,6 +50,10 @@ class SiteFields(StrictModel):
         description="Of sessions that name none and whose device has none; one of `/v1/profiles`."
         " Live sessions follow with their next batch",
     )
+    grow_map: bool = Field(
+        False,
+        description="Keep finished sessions aside, so that you may let the radio map grow by them",
+    )
 
 
 class NewSite(SiteFields):

@@ -2,6 +2,7 @@
 
 import typer
 
+from app.cli.evaluate_growth import evaluate_growth
 from app.cli.evaluate_maps import evaluate_ageing, evaluate_survey_report
 from app.cli.evaluate_ms2020 import evaluate_ms2020
 from app.cli.evaluate_papers import evaluate_papers
@@ -21,6 +22,7 @@ evaluating.command("report")(write_report)
 evaluating.command("ms2020")(evaluate_ms2020)
 evaluating.command("survey-report")(evaluate_survey_report)
 evaluating.command("ageing")(evaluate_ageing)
+evaluating.command("growth")(evaluate_growth)
 evaluating.command("uji-ble")(evaluate_uji_ble)
 evaluating.command("kolakowski")(evaluate_kolakowski)
 evaluating.command("ujiindoorloc")(evaluate_ujiindoorloc)

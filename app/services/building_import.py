@@ -8,9 +8,9 @@ from functools import partial
 import numpy as np
 from sqlalchemy import Connection
 
-from app.core.fingerprint.radio_map import Fingerprint, RadioMap, build_radio_map, joined
+from app.core.fingerprint.radio_map import Fingerprint, RadioMap, build_radio_map
 from app.core.fingerprint.survey import Place, chosen_keys, walk_fingerprints
-from app.core.fingerprint.virtual import VirtualParams, virtual_fingerprints
+from app.core.fingerprint.virtual import VirtualParams, filled
 from app.core.params import MatchParams
 from app.core.types import FloatArray
 from app.formats.floor_map import parse_floor_map
@@ -69,15 +69,8 @@ def radio_map_of(building: BuildingFolder, site_id: str, walks: Sequence[SurveyW
 
 
 def _filled(radio_map: RadioMap, building: BuildingFolder) -> RadioMap:
-    """Return the map with virtual fingerprints where the survey left walkable floor out."""
-    params = VirtualParams()
-    virtual: list[Fingerprint] = []
-    for index, floor in enumerate(building.floors):
-        walkable = parse_floor_map(floor.map_document).raster()
-        if walkable is not None:
-            cells = walkable.cells(params.cell_m)
-            virtual += virtual_fingerprints(radio_map, index, cells, params)
-    return joined(radio_map, virtual)
+    rasters = [parse_floor_map(floor.map_document).raster() for floor in building.floors]
+    return filled(radio_map, rasters, VirtualParams())
 
 
 def _surveyed_place(waypoints: FloatArray, floor: FloorFolder, time_s: float) -> Place | None:

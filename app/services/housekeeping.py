@@ -1,4 +1,7 @@
-"""What a server does beside answering: end silent sessions, see edits, forget what is old."""
+"""What a server does beside answering: end silent sessions, see edits, forget what is old.
+
+Where a site's radio map may grow, finished sessions are kept aside before they are forgotten.
+"""
 
 import asyncio
 import logging
@@ -7,12 +10,14 @@ from functools import partial
 
 from app.core.session import LogUnavailableError
 from app.services.ageing import AgeingService
+from app.services.growth import take_finished_aside
 from app.services.site import SiteDirectory
 from app.sessions.limits import SessionLimits
 from app.sessions.ports import Clock
 from app.sessions.registry import SessionRegistry
 from app.storage.database import Database, DatabaseUnavailableError
 from app.storage.log import purge_imu, purge_observations
+from app.storage.quarantine import expire
 from app.storage.sites import get_site
 from app.storage.tracks import purge_tracks
 
@@ -71,6 +76,7 @@ class Housekeeping:
         """Do everything that is due."""
         await self._directory.refresh()
         await self._registry.sweep()
+        await self._take_aside()
         if self._clock.now_s() >= self._purged_s + self._retention.interval_s:
             await self._purge()
             self._purged_s = self._clock.now_s()
@@ -78,6 +84,12 @@ class Housekeeping:
             self._aged_s = self._clock.now_s()
             for site_id in self._directory.site_ids():
                 await self._ageing.look_at_site(site_id, self._aged_s)
+
+    async def _take_aside(self) -> None:
+        for site_id in self._directory.site_ids():
+            if self._directory.grows_map(site_id):
+                now_s = self._clock.now_s()
+                await take_finished_aside(self._database, self._directory, site_id, now_s)
 
     async def _purge(self) -> None:
         now_s = self._clock.now_s()
@@ -91,3 +103,7 @@ class Housekeeping:
             over_s = now_s - self._retention.reopen_s
             await purge_observations(self._database, site_id, now_s - kept_s, over_s)
             await purge_tracks(self._database, site_id, now_s - kept_s)
+            before_s = now_s - kept_s
+            await self._database.write(
+                partial(expire, site_id=site_id, before_s=before_s, decided_s=now_s)
+            )

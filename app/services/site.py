@@ -48,6 +48,10 @@ class SiteDirectory:
         """Return the profile of sessions at a site that name none."""
         return self._sites[site_id].default_profile
 
+    def grows_map(self, site_id: str) -> bool:
+        """Return whether sessions at a site are kept aside for its radio map to grow by."""
+        return self._sites[site_id].grow_map
+
     def georeference(self, site_id: str) -> Georeference | None:
         """Return where the site lies on the globe, None if nobody has said."""
         return self._georeferences.get(site_id)

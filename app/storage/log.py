@@ -26,7 +26,12 @@ from app.core.types import (
 )
 from app.storage.codec import VariantCodec
 from app.storage.database import Database, DatabaseUnavailableError
-from app.storage.tables import DEVICES, OBSERVATION_BATCHES, SESSIONS
+from app.storage.tables import (
+    DEVICES,
+    OBSERVATION_BATCHES,
+    QUARANTINED_SESSIONS,
+    SESSIONS,
+)
 from app.storage.upsert import Values, insert_new
 
 T = TypeVar("T")
@@ -68,7 +73,9 @@ class SqlObservationLog:
     async def unfinished_sessions(self) -> list[SessionRecord]:
         """Return sessions whose final track has not been stored yet, oldest first."""
         query = select(SESSIONS).where(~SESSIONS.c.finished).order_by(SESSIONS.c.opened_s)
-        return await self._database.read(lambda c: [_record(row) for row in c.execute(query)])
+        return await self._database.read(
+            lambda c: [session_record(row) for row in c.execute(query)]
+        )
 
     async def append(self, batch: LoggedBatch) -> LoggedBatch:
         """Make a batch durable and return it; of a known seq, return the stored batch.
@@ -98,7 +105,17 @@ class SqlObservationLog:
     async def reopen_session(self, session_id: str) -> None:
         """Mark the session unfinished: the phone came back and its track will change."""
         reopen = update(SESSIONS).where(SESSIONS.c.id == session_id).values(finished=False)
-        await self._write(lambda c: c.execute(reopen).close())
+        forget = delete(QUARANTINED_SESSIONS).where(
+            QUARANTINED_SESSIONS.c.session_id == session_id,
+            QUARANTINED_SESSIONS.c.decided_s.is_(None),
+        )
+
+        def statement(connection: Connection) -> None:
+            connection.execute(reopen)
+            # It is not over: what it told so far is not all of it.
+            connection.execute(forget)
+
+        await self._write(statement)
 
     async def switch_profile(self, record: SessionRecord) -> None:
         """Store the session's profile, and since when it is on."""
@@ -121,7 +138,7 @@ def find_session(
     if session is not None:
         query = query.where(SESSIONS.c.session == session)
     row = connection.execute(query.order_by(SESSIONS.c.opened_s.desc()).limit(1)).first()
-    return None if row is None else _record(row)
+    return None if row is None else session_record(row)
 
 
 def logged_bytes(connection: Connection, session_id: str) -> int:
@@ -273,7 +290,8 @@ def _values(record: SessionRecord) -> Values:
     }
 
 
-def _record(row: Row[tuple[object, ...]]) -> SessionRecord:
+def session_record(row: Row[tuple[object, ...]]) -> SessionRecord:
+    """Return a row of the sessions' table as what it stores."""
     return SessionRecord(
         session_id=row.id,
         device_id=row.device_id,

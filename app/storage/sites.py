@@ -15,6 +15,8 @@ class StoredSite:
 
     Attributes
     ----------
+    grow_map
+        Whether finished sessions are kept aside for the radio map to grow by.
     georeference
         Control points as JSON (`app.core.georeference`), None while the site is not on the globe.
     model_version
@@ -30,6 +32,7 @@ class StoredSite:
     retention_days: float | None = None
     default_profile: str = "best"
     georeference: list[dict[str, float]] | None = None
+    grow_map: bool = False
     model_version: int = 1
     row_version: int = 1
 
@@ -89,6 +92,7 @@ def _editable(site: StoredSite) -> dict[str, Any]:
         "retention_days": site.retention_days,
         "default_profile": site.default_profile,
         "georeference": site.georeference,
+        "grow_map": site.grow_map,
     }
 
 

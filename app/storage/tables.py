@@ -47,6 +47,8 @@ SITES = Table(
     Column("retention_days", Double),
     Column("default_profile", String, nullable=False, server_default="best"),
     Column("georeference", JSON_OR_NULL),
+    # Finished sessions are kept aside, so that an admin may let the radio map grow by them.
+    Column("grow_map", Boolean, nullable=False, server_default=text("false")),
     Column("created_s", Double, nullable=False),
     # Counts the edits of all that the engine sees of the site: floors, maps, beacons, radio map.
     Column("model_version", Integer, nullable=False, server_default="1"),
@@ -367,4 +369,17 @@ TRACK_POINTS = Table(
     Column("profile", String, nullable=False),
     Column("zones", JSON, nullable=False),
     Index("ix_track_points_floor_id_time_us", "floor_id", "time_us"),
+)
+
+QUARANTINED_SESSIONS = Table(
+    "quarantined_sessions",
+    METADATA,
+    # With the session, and so with its device, what was learned from it is forgotten.
+    _session_key(),
+    _site_id(),
+    Column("collected_s", Double, nullable=False),
+    # NULL once accepted or discarded: what is left says that the session is not to be taken again.
+    Column("decided_s", Double),
+    # Observations without raw inertial samples, encoded by storage.codec; empty once decided.
+    Column("payload", LargeBinary, nullable=False),
 )

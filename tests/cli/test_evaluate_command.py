@@ -65,6 +65,8 @@ def test_papers_are_told_by_statistic_with_what_they_ought_to_be(tmp_path: Path)
     [
         (("ms2020", ".", "--profile", "magic"), "no profile 'magic'"),
         (("ms2020", "."), "no floor in it"),
+        (("growth", "."), "no floor in it"),
+        (("growth", ".", "--fold", "2"), "--fold is one of 0, 1"),
         (("oxford-steps", "."), "no step recording"),
         (("kolakowski", "."), "anchors.csv"),
         (("uji-ble", ".", "--zone", "geo"), "anchors.csv"),

@@ -37,18 +37,26 @@ def walk_fingerprints(
         How a transmitter is named (`chosen_keys`), and the parameters that queries are built with:
         map and queries must be built alike.
     """
+    for time_s, wifi_dbm, ble_dbm in scan_levels(observations, rule):
+        place = place_at(time_s)
+        if place is not None:
+            yield Fingerprint(floor_index, *place, wifi_dbm, ble_dbm, walk, time_s)
+
+
+def scan_levels(
+    observations: Iterable[Observation], rule: tuple[KeyChoice, MatchParams]
+) -> Iterator[tuple[float, dict[str, float], dict[str, float]]]:
+    """Yield time, Wi-Fi and BLE levels of each Wi-Fi scan that says enough; see above."""
     choose, params = rule
     heard: tuple[Advertisement, ...] = ()
     for observation in observations:
         if isinstance(observation, BleScan):
             heard = hear(heard, observation, params.ble_window_s)
         elif isinstance(observation, WifiScan):
-            place = place_at(observation.time_s)
             wifi_dbm = fresh_wifi_dbm(observation, params.max_age_s, choose)
-            if place is not None and len(wifi_dbm) >= params.min_readings:
+            if len(wifi_dbm) >= params.min_readings:
                 recent = within(heard, observation.time_s, params.ble_window_s)
-                ble_dbm = mean_ble_dbm(recent, choose)
-                yield Fingerprint(floor_index, *place, wifi_dbm, ble_dbm, walk, observation.time_s)
+                yield observation.time_s, wifi_dbm, mean_ble_dbm(recent, choose)
 
 
 def chosen_keys(observations: Iterable[Observation]) -> KeyChoice:

@@ -13,12 +13,14 @@ r_t(x) are the residuals of the scans around x, weighted by a Gaussian kernel an
 than ``heard_share`` of the scans around x heard t, it is silent.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from app.core.fingerprint.radio_map import WIFI, Fingerprint, RadioMap
+from app.core.fingerprint.radio_map import WIFI, Fingerprint, RadioMap, joined
+from app.core.geometry import Walkable
 from app.core.types import BoolArray, FloatArray, IntArray
 
 VIRTUAL_WALK = "virtual"
@@ -100,6 +102,29 @@ class _Trend:
     def at(self, places: FloatArray) -> FloatArray:
         """Return the levels of the trend alone at places (n, 2)."""
         return self.level_dbm - self.loss_db * _log_distance(places, self.places)
+
+
+def is_virtual(radio_map: RadioMap) -> BoolArray:
+    """Return which rows (rows,) were not heard but made up."""
+    return np.array([walk == VIRTUAL_WALK for walk in radio_map.survey_walks], dtype=np.bool_)
+
+
+def filled(
+    radio_map: RadioMap, walkables: Sequence[Walkable | None], params: VirtualParams
+) -> RadioMap:
+    """Return the map with virtual fingerprints where the survey left walkable floor out.
+
+    Parameters
+    ----------
+    walkables
+        Of each floor of the map; None where nobody has said where people can walk.
+    """
+    virtual: list[Fingerprint] = []
+    for index, walkable in enumerate(walkables):
+        if walkable is not None:
+            cells = walkable.cells(params.cell_m)
+            virtual += virtual_fingerprints(radio_map, index, cells, params)
+    return joined(radio_map, virtual)
 
 
 def virtual_fingerprints(

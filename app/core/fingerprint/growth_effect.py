@@ -1,0 +1,93 @@
+"""What grown rows would change: surveyed scans placed without their own walk, before and after.
+
+Each surveyed row is a query against the map without the rows of its walk and without virtual rows,
+which were made of that walk too; it is placed at the weighted mean of its candidates on the floor
+of most weight. Grown rows help to place, but are not asked: nobody knows where they truly are.
+
+The grown rows were themselves placed by the whole survey, the walk that is left out included, so
+the gain that is told leans to the good side.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from app.core.fingerprint.growth import GROWN
+from app.core.fingerprint.matching import match
+from app.core.fingerprint.query import Query
+from app.core.fingerprint.radio_map import WIFI, RadioMap
+from app.core.fingerprint.virtual import is_virtual
+from app.core.params import MatchParams
+from app.core.types import BoolArray, FloatArray, IntArray
+
+
+@dataclass(frozen=True, slots=True)
+class GrowthEffect:
+    """Mean errors of surveyed scans, alone and placed without their own walk.
+
+    Attributes
+    ----------
+    scans
+        Surveyed scans that both maps place.
+    before_m, after_m
+        Their mean errors; None where ``scans`` is 0.
+    """
+
+    scans: int
+    before_m: float | None
+    after_m: float | None
+
+
+def growth_effect(before: RadioMap, after: RadioMap, params: MatchParams) -> GrowthEffect:
+    """Compare a map with the same one grown: surveyed rows are those that both begin with."""
+    errors = [left_out_errors_m(radio_map, params) for radio_map in (before, after)]
+    told = ~np.isnan(errors[0]) & ~np.isnan(errors[1])
+    if not told.any():
+        return GrowthEffect(0, None, None)
+    means = [float(error_m[told].mean()) for error_m in errors]
+    return GrowthEffect(int(told.sum()), means[0], means[1])
+
+
+def left_out_errors_m(radio_map: RadioMap, params: MatchParams) -> FloatArray:
+    """Return the error of each surveyed row, in their order; nan where no other walk knows it."""
+    heard = radio_map.of_rows(~is_virtual(radio_map))
+    names = {name: i for i, name in enumerate(dict.fromkeys(heard.survey_walks))}
+    walk = np.array([names[name] for name in heard.survey_walks], dtype=np.int64)
+    surveyed = np.flatnonzero(is_surveyed(heard))
+    longest = int(np.bincount(walk[surveyed]).max()) if len(surveyed) else 0
+    # As many candidates more as a walk's own rows can take away.
+    wider = replace(params, k=params.k + longest)
+    return np.array([_error_m(heard, row, walk, wider, params) for row in surveyed.tolist()])
+
+
+def is_surveyed(radio_map: RadioMap) -> BoolArray:
+    """Return which rows (rows,) somebody surveyed: neither virtual nor grown."""
+    grown = np.array([w.startswith(GROWN) for w in radio_map.survey_walks], dtype=np.bool_)
+    return ~is_virtual(radio_map) & ~grown
+
+
+def _error_m(
+    radio_map: RadioMap, row: int, walk: IntArray, wider: MatchParams, params: MatchParams
+) -> float:
+    matches = match(_query_of(radio_map, row), radio_map, wider)
+    if matches is None:
+        return np.nan
+    others = np.flatnonzero(walk[matches.row] != walk[row])[: params.k]
+    if not len(others):
+        return np.nan
+    weight = np.exp((matches.distance[others[0]] - matches.distance[others]) / params.softness)
+    floor = np.argmax(np.bincount(matches.floor_index[others], weight))
+    weight = weight * (matches.floor_index[others] == floor)
+    weight /= weight.sum()
+    apart_x_m = weight @ matches.x_m[others] - radio_map.x_m[row]
+    apart_y_m = weight @ matches.y_m[others] - radio_map.y_m[row]
+    return float(np.hypot(apart_x_m, apart_y_m))
+
+
+def _query_of(radio_map: RadioMap, row: int) -> Query:
+    query = Query({}, {})
+    for entry in range(radio_map.row_start[row], radio_map.row_start[row + 1]):
+        column = radio_map.column[entry]
+        levels = query.wifi_dbm if radio_map.radio[column] == WIFI else query.ble_dbm
+        levels[radio_map.transmitters[column]] = float(radio_map.rssi_dbm[entry])
+    return query
