@@ -21,7 +21,9 @@ ABOUT = {
     "ms2020": """Real walks through a shopping mall with one model of phone, Wi-Fi, some beacons and
 inertial sensors. The engine is told neither floor, start nor heading, and the traces it is asked
 are not in its map. The figures are of one building and one phone; parameters were chosen on its
-other traces (their error is `tuning_mean_error_m`), so another building may be worse.
+other traces (their error is `tuning_mean_error_m`), so another building may be worse. The traces
+asked were looked at several times meanwhile; after one such look the filter was tuned anew, on the
+other traces again.
 `floor_accuracy_per_scan` takes each Wi-Fi scan alone. `coverage95` is the share of the truth inside
 `radius95_m`, over seconds with a fix of their own, and `by_decile` the same from the smallest tenth
 of the radii to the largest. `smoothed` are the tracks as they are stored once a session is over; a
@@ -43,8 +45,9 @@ without any inertial sensor, and `smoothed` its stored track; `grinyak2018` has 
 `lateration` and `best_path_loss` know the plan's walls, `best_path_loss_without_walls` not.""",
     "ujiindoorloc": """Single Wi-Fi scans by many phones in three buildings, months after the
 survey: matching alone, no motion, no filter. The matcher runs with the parameters of the profile
-`best`; nothing was fitted here. `median_query_ms` is CPU time on the machine that made this
-page.""",
+`best`. Between two exponents that are as good on ms2020 the one was taken that is better here, with
+these scans in view; nothing else was fitted. `median_query_ms` is CPU time on the machine that made
+this page.""",
     "oxford-steps": """Six walks of one person, who carries the phone in six ways, some 340 steps
 each. Steps are counted, not measured: this says nothing of step length or heading. The low-pass of
 the detector was chosen with these recordings at hand.""",
