@@ -1,7 +1,7 @@
 """Ageing of radio maps: live traffic is held against the map that it is matched with."""
 
 import asyncio
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 from sqlalchemy import Connection
 
@@ -12,18 +12,11 @@ from app.core.fingerprint.ageing import (
     find_aged,
     own_residuals,
 )
-from app.core.fingerprint.query import (
-    Advertisement,
-    Query,
-    first_of,
-    fresh_wifi_dbm,
-    hear,
-    mean_ble_dbm,
-    within,
-)
+from app.core.fingerprint.query import Query, first_of
 from app.core.fingerprint.radio_map import RadioMap
+from app.core.fingerprint.survey import scan_levels
 from app.core.params import MatchParams
-from app.core.types import BleScan, Observation, WifiScan
+from app.core.types import Observation
 from app.services.errors import AppError, ErrorCode, found
 from app.storage import ageing, radio_maps
 from app.storage.ageing import AgedTransmitter
@@ -98,28 +91,17 @@ class AgeingService:
 def suspects_in(traffic: Sequence[Sequence[Observation]], radio_map: RadioMap) -> list[Suspect]:
     """Return what the traffic of several sessions contradicts, and what is new in it."""
     matching, params = MatchParams(), AgeingParams()
-    queries = [query for session in traffic for query in single_scans(session, radio_map, matching)]
+    rule = first_of(radio_map.column_by_key), matching
+    queries = [
+        Query(wifi_dbm, ble_dbm)
+        for session in traffic
+        for _, wifi_dbm, ble_dbm in scan_levels(session, rule)
+    ]
     if not queries:
         return []
     own = own_residuals(radio_map, matching, params)
     aged = find_aged(queries[:MAX_SCANS], radio_map, own, matching, params)
     return aged + appeared(queries[:MAX_SCANS], radio_map, matching, params)
-
-
-def single_scans(
-    observations: Sequence[Observation], radio_map: RadioMap, matching: MatchParams
-) -> Iterator[Query]:
-    """Yield each Wi-Fi scan of a session, with the beacons heard just before it."""
-    choose = first_of(radio_map.column_by_key)
-    heard: tuple[Advertisement, ...] = ()
-    for observation in observations:
-        if isinstance(observation, BleScan):
-            heard = hear(heard, observation, matching.ble_window_s)
-        elif isinstance(observation, WifiScan):
-            wifi_dbm = fresh_wifi_dbm(observation, matching.max_age_s, choose)
-            if len(wifi_dbm) >= matching.min_readings:
-                recent = within(heard, observation.time_s, matching.ble_window_s)
-                yield Query(wifi_dbm, mean_ble_dbm(recent, choose))
 
 
 def _loaded(

@@ -195,12 +195,12 @@ class _Work:
         for k in np.unique(fold):
             left_out = fold == k
             try:
-                fit, _ = careful(_part(levels, ~left_out), self._anchors, self._params)
+                fit, _ = careful(levels.of(~left_out), self._anchors, self._params)
             except ValueError:
                 continue
             unheard = np.zeros(len(self._phones) - len(fit.offset_db))
             fit = replace(fit, offset_db=np.concatenate([fit.offset_db, unheard]))
-            asked = _part(levels, left_out)
+            asked = levels.of(left_out)
             residual_db[left_out] = residuals_db(asked, self._anchors, fit, self._params)
             anchors, here = calibrated(self._anchors, fit), np.flatnonzero(epoch_fold == k)
             errors_m[here] = self._errors_m(anchors, fit.offset_db, here)[here]
@@ -286,16 +286,6 @@ def _warnings(
         EXPONENT_AT_BOUND: at_bound,
     }
     return tuple(name for name, is_so in found.items() if is_so)
-
-
-def _part(levels: LabelledLevels, chosen: BoolArray) -> LabelledLevels:
-    return LabelledLevels(
-        levels.anchor_index[chosen],
-        levels.phone_index[chosen],
-        levels.x_m[chosen],
-        levels.y_m[chosen],
-        levels.rssi_dbm[chosen],
-    )
 
 
 def _root_mean_square(values: FloatArray) -> float | None:

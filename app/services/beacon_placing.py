@@ -7,7 +7,7 @@ import numpy as np
 
 from app.core.radio.beacon_places import BeaconPlaces, BeaconPlacesParams, beacon_places
 from app.core.radio.calibration import LabelledLevels
-from app.core.types import Anchor, FloatArray
+from app.core.types import FloatArray
 from app.services.beacon_calibration import LevelModelFields
 from app.services.labelled_epochs import LabelledEpoch, labelled_levels
 
@@ -65,31 +65,6 @@ def place_beacons(
     found = beacon_places(levels, len(beacon_ids), params or BeaconPlacesParams())
     area = _area(levels)
     return tuple(_placed(found, i, beacon_id, area) for i, beacon_id in enumerate(beacon_ids))
-
-
-def anchor_of(beacon: PlacedBeacon, keys: tuple[str, ...], floor_id: str, z_m: float) -> Anchor:
-    """Return a placed beacon as estimators see it.
-
-    Raises
-    ------
-    ValueError
-        If it has no place.
-    """
-    if beacon.x_m is None or beacon.y_m is None or beacon.model is None:
-        msg = f"beacon {beacon.beacon_id!r} has no place"
-        raise ValueError(msg)
-    return Anchor(
-        beacon.beacon_id,
-        keys,
-        floor_id,
-        beacon.x_m,
-        beacon.y_m,
-        z_m,
-        beacon.model.ref_level_dbm,
-        1.0,
-        beacon.model.path_loss_exponent,
-        beacon.model.shadowing_db,
-    )
 
 
 def _area(levels: LabelledLevels) -> FloatArray:

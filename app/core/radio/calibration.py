@@ -29,7 +29,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from app.core.radio.path_loss import NEAR_FIELD_M
-from app.core.types import Anchor, FloatArray, IntArray
+from app.core.types import Anchor, BoolArray, FloatArray, IntArray
 
 ROUNDS = 60
 """Rounds of expectation maximisation; the spread settles last, in some thirty."""
@@ -79,6 +79,16 @@ class LabelledLevels:
     x_m: FloatArray
     y_m: FloatArray
     rssi_dbm: FloatArray
+
+    def of(self, chosen: BoolArray) -> "LabelledLevels":
+        """Return the readings (readings,) chosen."""
+        return LabelledLevels(
+            self.anchor_index[chosen],
+            self.phone_index[chosen],
+            self.x_m[chosen],
+            self.y_m[chosen],
+            self.rssi_dbm[chosen],
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

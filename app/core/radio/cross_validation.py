@@ -85,7 +85,7 @@ def cross_validate(
     own_db, mean_db = np.full(len(levels.x_m), np.nan), np.full(len(levels.x_m), np.nan)
     fold = folds_by_place(levels.x_m, levels.y_m)
     for left_out, fit in fits_without(levels, fold, anchors, params):
-        asked = _part(levels, left_out)
+        asked = levels.of(left_out)
         own_db[left_out] = residuals_db(asked, anchors, fit, params)
         mean_db[left_out] = residuals_db(asked, anchors, at_the_mean(fit), params)
     gain_db2, gain_sigma_db2 = _gains(levels, mean_db**2 - own_db**2, len(anchors))
@@ -103,7 +103,7 @@ def fits_without(
     for k in np.unique(fold):
         left_out = fold == k
         try:
-            fit = calibrate(_part(levels, ~left_out), anchors, params)
+            fit = calibrate(levels.of(~left_out), anchors, params)
         except ValueError:
             continue
         unheard = np.zeros(phones - len(fit.offset_db))
@@ -158,16 +158,6 @@ def held_to_mean(
 
 def _cells(x_m: FloatArray, y_m: FloatArray) -> tuple[IntArray, IntArray]:
     return np.floor(x_m / CELL_M).astype(np.int64), np.floor(y_m / CELL_M).astype(np.int64)
-
-
-def _part(levels: LabelledLevels, chosen: BoolArray) -> LabelledLevels:
-    return LabelledLevels(
-        levels.anchor_index[chosen],
-        levels.phone_index[chosen],
-        levels.x_m[chosen],
-        levels.y_m[chosen],
-        levels.rssi_dbm[chosen],
-    )
 
 
 def _gains(
