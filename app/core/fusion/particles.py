@@ -78,9 +78,14 @@ class Ground(NamedTuple):
     east: tuple[float, float]
 
 
-Cloud: TypeAlias = tuple[FloatArray, FloatArray, FloatArray]
-"""Candidates (n, 2), their weights summed up (n,), and what turns two normal draws into an offset
-about a candidate (2, 2)."""
+Factor: TypeAlias = tuple[float, float, float, float]
+"""What turns two normal draws into an offset about a candidate: (xx, xy, yx, yy) of a matrix."""
+
+Cloud: TypeAlias = tuple[FloatArray, FloatArray, Factor]
+"""Candidates (n, 2), their weights summed up (n,), and the factor of their covariance."""
+
+Pair: TypeAlias = tuple[FloatArray, FloatArray]
+"""State (n, 4) and log weight (n,) of `Particles`, as kernels take and return them."""
 
 Rules: TypeAlias = tuple[float, float, float]
 """``off_floor_weight``, ``leave_floor_weight`` and ``far_off_m`` of `FusionParams`."""
@@ -104,10 +109,7 @@ def weights(particles: Particles) -> FloatArray:
 
 def moments(particles: Particles) -> tuple[FloatArray, FloatArray]:
     """Return mean (4,) and covariance (4, 4) of all particles."""
-    w = weights(particles)
-    mean = w @ particles.state
-    apart = particles.state - mean
-    return mean, (apart.T * w) @ apart
+    return _moments(particles.state, particles.log_weight)
 
 
 def begin(sighting: Sighting, floor: Ground, params: FusionParams, counter: int = 0) -> Particles:
@@ -119,7 +121,7 @@ def begin(sighting: Sighting, floor: Ground, params: FusionParams, counter: int 
     log_weight = np.zeros(params.particles)
     _draw_all(state, _cloud(sighting, floor.east), _priors(params), counter)
     _stand(state, log_weight, (params.leave_floor_weight, params.far_off_m), floor)
-    return _made(state, log_weight, counter)
+    return Particles(state, log_weight, _after(counter, len(state)))
 
 
 def walk(
@@ -129,7 +131,6 @@ def walk(
 
     A direction of nan spreads them in all directions.
     """
-    state, log_weight = particles.state.copy(), particles.log_weight.copy()
     noise = (
         params.bias_walk_rad,
         params.scale_walk,
@@ -137,15 +138,16 @@ def walk(
         params.heading_noise_rad,
     )
     rules = params.off_floor_weight, params.leave_floor_weight, params.far_off_m
-    _walk((state, log_weight), stride, (noise, rules), floor, particles.counter)
-    return _made(state, log_weight, particles.counter)
+    before = particles.state, particles.log_weight
+    state, log_weight = _walked(before, stride, (noise, rules), floor, particles.counter)
+    return Particles(state, log_weight, _after(particles.counter, len(state)))
 
 
 def diffuse(particles: Particles, variance_m2: float, floor: Ground) -> Particles:
     """Return the particles after unobserved motion of this variance per axis."""
     state = particles.state.copy()
     _shake(state, (math.sqrt(variance_m2), 0.0), floor.east, particles.counter)
-    return _made(state, particles.log_weight, particles.counter)
+    return Particles(state, particles.log_weight, _after(particles.counter, len(state)))
 
 
 def update(
@@ -157,23 +159,30 @@ def update(
     spread, or copies would stay one. A share ``birth_share`` starts anew from the candidates, so
     that no place is ever ruled out.
     """
-    state, log_weight = particles.state.copy(), particles.log_weight.copy()
     rule = params.clutter, params.tempering
-    _weigh((state, log_weight), (sighting.places, sighting.weight), sighting.noise_m2, rule)
     jitter = params.jitter_share, params.jitter_max_m, params.bias_jitter_share
-    state, log_weight = _resampled(state, log_weight, (jitter, floor.east), particles.counter)
-    born = int(params.birth_share * len(state))
-    cloud, counter = _cloud(sighting, floor.east), _after(particles.counter, len(state))
-    _bear((state, log_weight), born, (cloud, _priors(params)), counter)
-    return _made(state, log_weight, counter)
+    born, counter = int(params.birth_share * len(particles.state)), particles.counter
+    state, log_weight = _updated(
+        (particles.state, particles.log_weight),
+        (sighting.places, sighting.weight, sighting.noise_m2),
+        (rule, jitter, floor.east),
+        (born, _cloud(sighting, floor.east), _priors(params)),
+        (counter, _after(counter, len(particles.state))),
+    )
+    return Particles(state, log_weight, _after(_after(counter, len(state)), len(state)))
 
 
 def _cloud(sighting: Sighting, east: tuple[float, float]) -> Cloud:
-    """Return the candidates in the form that is drawn from; the factor's columns follow east."""
-    xx, xy, yy = sighting.noise_m2
-    turn = np.array([[east[0], -east[1]], [east[1], east[0]]])
-    factor = turn @ np.linalg.cholesky(turn.T @ np.array([[xx, xy], [xy, yy]]) @ turn)
-    return sighting.places, np.cumsum(sighting.weight), factor
+    """Return the candidates in the form that is drawn from.
+
+    Their factor is that of Cholesky in a frame whose first axis is east, seen from the plan's.
+    """
+    (xx, xy, yy), (c, s) = sighting.noise_m2, east
+    a = math.sqrt(c * c * xx + 2.0 * c * s * xy + s * s * yy)
+    b = (c * s * (yy - xx) + (c * c - s * s) * xy) / a
+    d = math.sqrt(s * s * xx - 2.0 * c * s * xy + c * c * yy - b * b)
+    factor = c * a - s * b, -s * d, s * a + c * b, c * d
+    return sighting.places, sighting.weight.cumsum(), factor
 
 
 def _priors(params: FusionParams) -> tuple[float, float]:
@@ -182,10 +191,6 @@ def _priors(params: FusionParams) -> tuple[float, float]:
 
 def _after(counter: int, count: int) -> int:
     return counter + DRAWS * (count + 1)
-
-
-def _made(state: FloatArray, log_weight: FloatArray, counter: int) -> Particles:
-    return Particles(state, log_weight - log_weight.max(), _after(counter, len(state)))
 
 
 @register_jitable
@@ -211,10 +216,32 @@ def _draw(
     (places, summed, factor), priors = drawn
     which = min(np.searchsorted(summed, share * summed[-1]), len(summed) - 1)
     first, second = side * normal(at), side * normal(at + 1)
-    one[X] = places[which, 0] + factor[0, 0] * first + factor[0, 1] * second
-    one[Y] = places[which, 1] + factor[1, 0] * first + factor[1, 1] * second
+    one[X] = places[which, 0] + factor[0] * first + factor[1] * second
+    one[Y] = places[which, 1] + factor[2] * first + factor[3] * second
     one[BIAS] = side * priors[0] * normal(at + 2)
     one[SCALE] = 1.0 + side * priors[1] * normal(at + 3)
+
+
+@njit(cache=True)
+def _moments(
+    state: FloatArray, log_weight: FloatArray
+) -> tuple[FloatArray, FloatArray]:  # pragma: no cover - compiled
+    mean, covariance, total = np.zeros(4), np.zeros((4, 4)), 0.0
+    w = np.exp(log_weight)
+    for k in range(len(state)):
+        total += w[k]
+        for i in range(4):
+            mean[i] += w[k] * state[k, i]
+    mean /= total
+    for k in range(len(state)):
+        for i in range(4):
+            for j in range(i + 1):
+                apart = (state[k, i] - mean[i]) * (state[k, j] - mean[j])
+                covariance[i, j] += w[k] / total * apart
+    for i in range(4):
+        for j in range(i):
+            covariance[j, i] = covariance[i, j]
+    return mean, covariance
 
 
 @njit(cache=True)
@@ -235,17 +262,18 @@ def _stand(
 ) -> None:  # pragma: no cover - compiled
     for k in range(len(state)):
         log_weight[k] -= rule[0] * _off_m(floor, state[k, X], state[k, Y], rule[1])
+    log_weight -= log_weight.max()
 
 
 @njit(cache=True)
-def _walk(
-    particles: tuple[FloatArray, FloatArray],
+def _walked(
+    before: Pair,
     stride: tuple[float, float],
     rule: tuple[tuple[float, float, float, float], Rules],
     floor: Ground,
     at: int,
-) -> None:  # pragma: no cover - compiled
-    state, log_weight = particles
+) -> Pair:  # pragma: no cover - compiled
+    state, log_weight = before[0].copy(), before[1].copy()
     length_m, heading_rad = stride
     (bias_walk, scale_walk, length_noise, heading_noise), (off_floor, leave_floor, far_m) = rule
     lost = math.isnan(heading_rad)
@@ -262,18 +290,32 @@ def _walk(
         one[Y] += length * math.sin(direction)
         off_m = _off_m(floor, one[X], one[Y], far_m)
         log_weight[k] -= off_floor * off_m + leave_floor * max(off_m - before_m, 0.0)
+    return state, log_weight - log_weight.max()
+
+
+@njit(cache=True)
+def _updated(
+    before: Pair,
+    seen: tuple[FloatArray, FloatArray, Noise],
+    rule: tuple[tuple[float, float], tuple[float, float, float], tuple[float, float]],
+    newborn: tuple[int, Cloud, tuple[float, float]],
+    at: tuple[int, int],
+) -> Pair:  # pragma: no cover - compiled
+    likelihood, jitter, east = rule
+    born, cloud, priors = newborn
+    weighed = before[0].copy(), before[1].copy()
+    _weigh(weighed, seen, likelihood)
+    resampled = _resampled(weighed, (jitter, east), at[0])
+    _bear(resampled, born, (cloud, priors), at[1])
+    return resampled[0], resampled[1] - resampled[1].max()
 
 
 @njit(cache=True)
 def _weigh(
-    particles: tuple[FloatArray, FloatArray],
-    candidates: tuple[FloatArray, FloatArray],
-    noise_m2: Noise,
-    rule: tuple[float, float],
+    particles: Pair, seen: tuple[FloatArray, FloatArray, Noise], rule: tuple[float, float]
 ) -> None:  # pragma: no cover - compiled
     state, log_weight = particles
-    places, weight = candidates
-    xx, xy, yy = noise_m2
+    places, weight, (xx, xy, yy) = seen
     det = xx * yy - xy * xy
     peak = 1.0 / (2.0 * math.pi * math.sqrt(det))
     for k in range(len(state)):
@@ -288,17 +330,15 @@ def _weigh(
 
 @njit(cache=True)
 def _resampled(
-    state: FloatArray,
-    log_weight: FloatArray,
-    rule: tuple[tuple[float, float, float], tuple[float, float]],
-    at: int,
-) -> tuple[FloatArray, FloatArray]:  # pragma: no cover - compiled
+    particles: Pair, rule: tuple[tuple[float, float, float], tuple[float, float]], at: int
+) -> Pair:  # pragma: no cover - compiled
+    state, log_weight = particles
     (jitter, most_m, bias_jitter), east = rule
     count = len(state)
     w = np.exp(log_weight - log_weight.max())
     w /= w.sum()
     if RESAMPLE_SHARE * count * (w * w).sum() < 1.0:
-        return state, log_weight
+        return particles
     spread = np.zeros(3)
     for j in range(3):
         mean = (w * state[:, j]).sum()
@@ -331,10 +371,7 @@ def _shake(
 
 @njit(cache=True)
 def _bear(
-    particles: tuple[FloatArray, FloatArray],
-    born: int,
-    drawn: tuple[Cloud, tuple[float, float]],
-    at: int,
+    particles: Pair, born: int, drawn: tuple[Cloud, tuple[float, float]], at: int
 ) -> None:  # pragma: no cover - compiled
     """Replace particles here and there by new ones of mean weight."""
     state, log_weight = particles
