@@ -2,29 +2,31 @@
 
 import math
 
-from app.core.engine.state import SessionState, Stride, Track
-from app.core.fusion.particles import Particles, moments
+from app.core.engine.state import Stride, Track
+from app.core.fusion.particles import BIAS, SCALE, Particles, moments
 from app.core.types import FloatArray
 
 
 def place_of(track: Track) -> tuple[FloatArray, FloatArray]:
     """Return the place (2,) and its covariance (2, 2)."""
-    if isinstance(track, Particles):
-        mean, covariance = moments(track)
-        return mean[:2], covariance[:2, :2]
-    return track.mean[:2], track.covariance[:2, :2]
+    mean, covariance = moments_of(track)
+    return mean[:2], covariance[:2, :2]
 
 
-def velocity_mps(state: SessionState) -> tuple[float, float]:
-    """Return the velocity that the filter carries, else the last stride's; 0 if unknown."""
-    track, stride = state.track, state.stride
-    if track is None:
-        return 0.0, 0.0
+def moments_of(track: Track) -> tuple[FloatArray, FloatArray]:
+    """Return mean and covariance of all that the filter estimates; the place is in front."""
+    return moments(track) if isinstance(track, Particles) else (track.mean, track.covariance)
+
+
+def velocity_mps(track: Track, mean: FloatArray, stride: Stride | None) -> tuple[float, float]:
+    """Return the velocity that a filter of this mean carries, else the last stride's; 0: unknown.
+
+    ``mean`` is that of `moments_of`, which takes longer than the rest.
+    """
     if isinstance(track, Particles):
-        bias_rad, scale = moments(track)[0][2:]
-        return _of_stride(stride, float(bias_rad), float(scale))
-    if len(track.mean) == 4:
-        return float(track.mean[2]), float(track.mean[3])
+        return _of_stride(stride, float(mean[BIAS]), float(mean[SCALE]))
+    if len(mean) == 4:
+        return float(mean[2]), float(mean[3])
     return _of_stride(stride, 0.0, 1.0)
 
 

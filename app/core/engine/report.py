@@ -3,9 +3,7 @@
 import math
 from dataclasses import replace
 
-import numpy as np
-
-from app.core.engine.place import place_of, velocity_mps
+from app.core.engine.place import moments_of, velocity_mps
 from app.core.engine.state import SessionState
 from app.core.motion.mode import decided
 from app.core.params import Params, ReportParams
@@ -28,16 +26,18 @@ def report(state: SessionState, time_s: float, site: SiteModel, params: Params) 
     age_s = time_s - state.told_s
     if age_s > params.report.max_age_s:
         return NoFix(time_s, NoFixReason.NOTHING_HEARD)
-    place, covariance = place_of(state.track)
+    mean, covariance = moments_of(state.track)
     mode = decided(state.motion, time_s, params.motion_mode).mode
-    vx, vy = velocity_mps(state) if mode is MotionMode.WALKING else (0.0, 0.0)
+    vx, vy = 0.0, 0.0
+    if mode is MotionMode.WALKING:
+        vx, vy = velocity_mps(state.track, mean, state.stride)
     xx, xy, yy = calibrated(covariance, _spread_of(state, time_s, params.report))
-    floor = int(np.argmax(state.floor_belief))
+    floor = int(state.floor_belief.argmax())
     return TrackPoint(
         time_s=time_s,
         floor_id=site.floors[floor].floor_id,
-        x_m=float(place[0]),
-        y_m=float(place[1]),
+        x_m=float(mean[0]),
+        y_m=float(mean[1]),
         covariance_m2=(xx, xy, yy),
         radius95_m=radius95_m(xx, xy, yy),
         speed_mps=math.hypot(vx, vy),
