@@ -21,7 +21,8 @@ from filterpy.kalman import ExtendedKalmanFilter
 from app.core import engine
 from app.core.engine import PROFILES, SessionState
 from app.core.engine.profiles import BEST, Stage
-from app.core.fusion.particles import Particles, begin, diffuse, ground, update, walk
+from app.core.fusion.ground import ground
+from app.core.fusion.particles import Particles, begin, diffuse, update, walk
 from app.core.fusion.sighting import Sighting
 from app.core.params import Params
 from app.core.simulate import walk as simulated_walk
@@ -118,7 +119,7 @@ def mean_us(step: Callable[[], object]) -> float:
 
 def filter_times_us() -> tuple[float, float]:
     """Return a step and a scan with one candidate: all our particles, and filterpy's one EKF."""
-    floor = ground(None, 0.0)
+    floor = ground(None, (1.0, 0.0))
     seen = Sighting(0.0, np.zeros((1, 2)), np.ones(1), (9.0, 0.0, 9.0), np.ones(1))
     begun = begin(seen, floor, PARAMS.fusion)
 

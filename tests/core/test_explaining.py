@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 from app.core.engine import PROFILES, advance, explained, finish, start
 from app.core.engine.explanation import Use
 from app.core.fingerprint.radio_map import Fingerprint, build_radio_map
+from app.core.fusion.ground import ground
 from app.core.fusion.innovation import innovation_of_particles, innovation_of_planar
-from app.core.fusion.particles import Particles, ground, update
+from app.core.fusion.particles import Particles, update
 from app.core.fusion.planar import PlanarTrack
 from app.core.fusion.sighting import Sighting
 from app.core.motion.mode import MotionEvidence
@@ -322,7 +323,7 @@ def test_the_explained_innovation_is_what_the_filter_did(places, at, noise) -> N
     of_all = [sum(math.exp(-f) for f in row) / len(row) / (2.0 * math.pi * noise) for row in far]
     believed = [one / (one + params.clutter) for one in of_all]
     assert seen.inlier_probability == pytest.approx(sum(believed) / len(at), rel=1e-6, abs=1e-12)
-    after = update(before, sighting, ground(None, 0.0), params)
+    after = update(before, sighting, ground(None, (1.0, 0.0)), params)
     if np.array_equal(after.state, before.state):  # nothing was resampled
         loud = np.log(np.array(of_all) + params.clutter)
         # What lies beyond `NEGLIGIBLE` is passed over there.

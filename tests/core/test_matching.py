@@ -75,7 +75,12 @@ def test_the_index_finds_what_brute_force_finds(seed, fingerprints, radio_map):
         )
         for i in expected
     ]
-    weight = np.exp(-(distance[expected] - distance[expected[0]]) / p.softness) / crowd
+    nearest = min(
+        sorensen(query.wifi_dbm, fingerprints[i].wifi_dbm, p.wifi_floor_dbm, p.sorensen_exponent)
+        for i in expected
+    )
+    softness = p.softness_ratio * nearest
+    weight = np.exp(-(distance[expected] - distance[expected[0]]) / softness) / crowd
     assert np.allclose(found.weight, weight / weight.sum(), atol=1e-9)
 
 

@@ -8,11 +8,11 @@ import pytest
 from filterpy.kalman import KalmanFilter
 
 from app.core.fusion.draws import normal, uniform
+from app.core.fusion.ground import ground
 from app.core.fusion.particles import (
     Particles,
     begin,
     diffuse,
-    ground,
     moments,
     update,
     walk,
@@ -27,7 +27,7 @@ PARAMS = FusionParams()
 PLAIN = dataclasses.replace(
     PARAMS, particles=20_000, birth_share=0.0, clutter=0.0, tempering=1.0, jitter_share=0.0
 )
-OPEN = ground(None, 0.0)
+OPEN = ground(None, (1.0, 0.0))
 
 
 def seen(*places, variance=9.0, noise=None, weight=None):
@@ -99,7 +99,7 @@ def test_births_find_a_place_that_was_ruled_out():
 def test_walls_between_corridors_keep_particles_in_theirs():
     y = np.arange(-20, 21) * 0.5
     corridor = Walkable(-20.0, -10.0, 0.5, np.tile(np.maximum(np.abs(y) - 1.0, 0.0)[:, None], 121))
-    floor = ground(corridor, 0.0)
+    floor = ground(corridor, (1.0, 0.0))
     inside = begin(seen((0.0, 0.0), variance=4.0), floor, PARAMS)
     free = begin(seen((0.0, 0.0), variance=4.0), OPEN, PARAMS)
     for _ in range(10):

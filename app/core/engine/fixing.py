@@ -41,10 +41,9 @@ def match_fingerprints(
     if radio_map is None:
         return state if site.anchors else without(state, NoFixReason.NO_RADIO_MAP_OR_BEACONS)
     choose = first_of(radio_map.column_by_key)
-    wifi_dbm = fresh_wifi_dbm(scan, params.match.max_age_s, choose)
-    if len(wifi_dbm) < params.match.min_readings and state.track is None:
-        # An old neighbourhood is better than none; the filter soon leaves it.
-        wifi_dbm = fresh_wifi_dbm(scan, params.match.first_max_age_s, choose)
+    # An old neighbourhood is better than none; the filter soon leaves it.
+    max_age_s = params.match.first_max_age_s if is_first else params.match.max_age_s
+    wifi_dbm = fresh_wifi_dbm(scan, max_age_s, choose)
     if len(wifi_dbm) < params.match.min_readings:
         return without(state, too_few(scan, params.match.min_readings))
     recent = within(state.heard, scan.time_s, params.match.ble_window_s)
@@ -154,12 +153,12 @@ def correct(
 
 
 def _match_variance_m2(query: Query, nearest_sorensen: float, params: FusionParams) -> float:
-    """Return the variance of a fingerprint's candidates about the truth: R = r0 (1 + r1 D1²).
+    """Return the variance of a fingerprint's candidates about the truth: R = r0 (1 + r1 D1⁴).
 
     The less the nearest fingerprint resembles what is heard, the farther the phone is from it.
     """
     scale = params.noise_sorensen if query.wifi_dbm else params.noise_beacons_sorensen
-    return params.noise_m2 * (1.0 + scale * nearest_sorensen**2)
+    return params.noise_m2 * (1.0 + scale * nearest_sorensen**4)
 
 
 def believe(state: SessionState, votes: FloatArray, time_s: float, params: Params) -> FloatArray:

@@ -1,12 +1,17 @@
 """What a session's track stands on: the floor that it is believed to be on."""
 
+import math
 from functools import lru_cache
 
 import numpy as np
 
-from app.core.fusion.particles import Ground, ground
+from app.core.fingerprint.paths import paths
+from app.core.fusion.ground import Ground, ground
+from app.core.fusion.ways import NO_WAYS, WayParams, Ways, ways
 from app.core.site import SiteModel
 from app.core.types import FloatArray
+
+WAYS = WayParams()
 
 
 def ground_of(floor_belief: FloatArray | None, site: SiteModel) -> Ground:
@@ -16,4 +21,15 @@ def ground_of(floor_belief: FloatArray | None, site: SiteModel) -> Ground:
 
 @lru_cache(maxsize=32)
 def _grounds(site: SiteModel) -> tuple[Ground, ...]:
-    return tuple(ground(floor.walkable, site.x_axis_from_east_rad) for floor in site.floors)
+    angle_rad = site.x_axis_from_east_rad
+    east = math.cos(angle_rad), -math.sin(angle_rad)
+    return tuple(
+        ground(floor.walkable, east, _ways(site, index, east))
+        for index, floor in enumerate(site.floors)
+    )
+
+
+def _ways(site: SiteModel, floor_index: int, east: tuple[float, float]) -> Ways:
+    if site.radio_map is None:
+        return NO_WAYS
+    return ways(paths(site.radio_map, floor_index), east, WAYS)

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from app.core.fingerprint.growth import GROWN
-from app.core.fingerprint.matching import match
+from app.core.fingerprint.matching import likeness, match
 from app.core.fingerprint.query import Query
 from app.core.fingerprint.radio_map import WIFI, RadioMap
 from app.core.fingerprint.virtual import is_virtual
@@ -75,7 +75,7 @@ def _error_m(
     others = np.flatnonzero(walk[matches.row] != walk[row])[: params.k]
     if not len(others):
         return np.nan
-    weight = np.exp((matches.distance[others[0]] - matches.distance[others]) / params.softness)
+    weight = likeness(matches.distance[others], matches.sorensen[others], params)
     floor = np.argmax(np.bincount(matches.floor_index[others], weight))
     weight = weight * (matches.floor_index[others] == floor)
     weight /= weight.sum()

@@ -5,12 +5,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from app.core.fingerprint.matching import Matches, match
+from app.core.fingerprint.matching import Matches, likeness, match, match_index
 from app.core.fingerprint.query import Query
 from app.core.fingerprint.radio_map import WIFI, RadioMap
 from app.core.fingerprint.virtual import VIRTUAL_WALK
 from app.core.params import MatchParams
-from app.core.types import BoolArray
+from app.core.types import BoolArray, FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,14 +80,20 @@ def left_out_matches(
     for row in range(radio_map.rows):
         query = query_of(radio_map, row)
         matches = match(query, radio_map, wider)
-        yield query, None if matches is None else _of_others(matches, walk == walk[row], params)
+        crowd = match_index(radio_map, wider).crowd
+        own = walk == walk[row]
+        yield query, None if matches is None else _of_others(matches, (own, crowd), params)
 
 
-def _of_others(matches: Matches, own: BoolArray, params: MatchParams) -> Matches | None:
+def _of_others(
+    matches: Matches, rows: tuple[BoolArray, FloatArray], params: MatchParams
+) -> Matches | None:
+    own, crowd = rows
     other = np.flatnonzero(~own[matches.row])[: params.k]
     if not len(other) or matches.sorensen[other].min() >= 1.0:
         return None
-    weight = matches.weight[other]
+    weight = likeness(matches.distance[other], matches.sorensen[other], params)
+    weight /= crowd[matches.row[other]]
     return Matches(
         row=matches.row[other],
         distance=matches.distance[other],

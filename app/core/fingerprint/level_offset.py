@@ -8,7 +8,7 @@ that it resembles is a measurement of the rest:
 
 over the matched rows r of weight w_r that have t. Matching finds the rows whose levels fit the scan
 as it is, so z is too small at first, and the first scan looks farther: it is matched with several
-offsets, and the one of least `TRUST` D / ``softness`` + o² / (2 prior²) is where the filter starts.
+offsets, and the one of least `TRUST` D + o² / (2 prior²) is where the filter starts.
 """
 
 from dataclasses import dataclass
@@ -22,8 +22,9 @@ from app.core.fingerprint.radio_map import RadioMap
 from app.core.params import LevelOffsetParams, MatchParams
 from app.core.types import FloatArray, IntArray
 
-TRUST = 0.5
-"""On a sparse map a wrong offset may happen to look better: a first scan counts by half."""
+TRUST = 8.0
+"""Log odds per unit of distance. Half of what the distances of one scan tell: on a sparse map a
+wrong offset may happen to look better."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +51,7 @@ def first_offset(
     for offset_db in params.tried_db:
         matches = match(without_offset(query, offset_db), radio_map, matching)
         if matches is not None:
-            cost = TRUST * matches.distance[0] / matching.softness
+            cost = TRUST * matches.distance[0]
             cost += 0.5 * (offset_db / params.prior_db) ** 2
             if cost < least:
                 best_db, least = offset_db, cost

@@ -10,8 +10,12 @@ from scipy.spatial import cKDTree
 
 from app.core.fingerprint.query import Query
 from app.core.fingerprint.radio_map import BLE, WIFI, RadioMap
+from app.core.fingerprint.virtual import is_virtual
 from app.core.params import MatchParams
 from app.core.types import FloatArray, IntArray
+
+LEAST_SORENSEN = 0.05
+"""Two scans of one place, one after the other, are no more alike than this."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -20,7 +24,8 @@ class MatchIndex:
 
     ``share`` holds a = ((rssi - floor) / -floor)^e for the Sørensen distance, ``power`` the same
     with the cosine's exponent; ``share_sum`` and ``power_norm`` are their sums and norms per row,
-    apart for Wi-Fi and BLE (first axis). ``crowd`` is how many fingerprints lie about each row.
+    apart for Wi-Fi and BLE (first axis). ``crowd`` is how many fingerprints lie about each row,
+    ``virtual`` 1 for those that nobody surveyed.
     """
 
     share: FloatArray
@@ -28,6 +33,7 @@ class MatchIndex:
     share_sum: FloatArray
     power_norm: FloatArray
     crowd: FloatArray
+    virtual: FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,7 +83,8 @@ def match_index(radio_map: RadioMap, params: MatchParams) -> MatchIndex:
     power_norm = np.sqrt(np.bincount(rows, power**2, radio_map.rows))
     by_column = np.argsort(radio_map.column, kind="stable")
     crowd = _crowd(radio_map, params.crowd_m)
-    return MatchIndex(share[by_column], power[by_column], share_sum, power_norm, crowd)
+    virtual = is_virtual(radio_map).astype(np.float64)
+    return MatchIndex(share[by_column], power[by_column], share_sum, power_norm, crowd, virtual)
 
 
 def _crowd(radio_map: RadioMap, within_m: float) -> FloatArray:
@@ -105,9 +112,11 @@ def match(query: Query, radio_map: RadioMap, params: MatchParams) -> Matches | N
     D = D1 + D2 + g D3 with, over transmitters t, query a and fingerprint b:
     D1 = 1 - 2 Σ min(a, b) / (Σ a + Σ b) (Wi-Fi), D2 = 1 - a·b / (|a| |b|) (Wi-Fi, other exponent),
     D3 like D1 on BLE, g = ``ble_gain`` min(1, n_ble / 3); D = D3 where no Wi-Fi was heard.
+    A virtual fingerprint is ``virtual_gain`` (``virtual_even_share`` - D1_min) farther: made of
+    means, it resembles many scans a little, which tells where no other resembles them at all.
     Transmitters the map does not know count in Σ a and |a|. Weights are
-    exp(-(D - D_min) / ``softness``) / m, normalised, m the number of fingerprints within
-    ``crowd_m``: a place is not likelier for having been surveyed often.
+    those of `likeness` over m, normalised, m the number of fingerprints within ``crowd_m``: a place
+    is not likelier for having been surveyed often.
     """
     index = match_index(radio_map, params)
     wifi = _Side.of(query.wifi_dbm, radio_map, params.wifi_floor_dbm, params.sorensen_exponent)
@@ -128,10 +137,11 @@ def match(query: Query, radio_map: RadioMap, params: MatchParams) -> Matches | N
         (ble.column, ble.share),
         (wifi.total, math.sqrt(float(all_power @ all_power)), ble.total, ble_gain),
     )
+    distance += params.virtual_gain * (params.virtual_even_share - sorensen.min()) * index.virtual
     k = min(params.k, len(distance))
     row = np.argpartition(distance, k - 1)[:k]
     row = row[np.lexsort((row, distance[row]))]
-    weight = np.exp(-(distance[row] - distance[row[0]]) / params.softness) / index.crowd[row]
+    weight = likeness(distance[row], sorensen[row], params) / index.crowd[row]
     return Matches(
         row=row,
         distance=distance[row],
@@ -141,6 +151,16 @@ def match(query: Query, radio_map: RadioMap, params: MatchParams) -> Matches | N
         y_m=radio_map.y_m[row],
         sorensen=sorensen[row],
     )
+
+
+def likeness(distance: FloatArray, sorensen: FloatArray, params: MatchParams) -> FloatArray:
+    """Return how likely each of some fingerprints (k,) is the query's place, 1 for the nearest.
+
+    exp(-(D - D_min) / (``softness_ratio`` D1_min)): the less even the nearest resembles what is
+    heard, the less a difference between two of them tells.
+    """
+    softness = params.softness_ratio * max(float(sorensen.min()), LEAST_SORENSEN)
+    return np.asarray(np.exp((distance.min() - distance) / softness))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -7,8 +7,9 @@ is normal (Gordon, Salmond and Smith 1993). Per step of length l walked in the p
     x += l s (1 + N(0, length_noise²)) cos θ,   y += l s (1 + N(0, length_noise²)) sin θ
 
 with s the step scale. A particle d metres off the walkable floor loses ``off_floor_weight`` d of
-its log weight, and ``leave_floor_weight`` for each metre that the step took it farther off. Per
-scan with candidates c_i of weight w_i:
+its log weight, ``leave_floor_weight`` for each metre that the step took it farther off, and
+``way_weight`` times what the ways say against its direction (`app.core.fusion.ways`). Per scan with
+candidates c_i of weight w_i:
 
     log w += tempering log(Σ w_i N(c_i; (x, y), R) + clutter)
 
@@ -17,15 +18,15 @@ Draws are made along east and north, so a plan that is turned turns the particle
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 
 from app.core.fusion.draws import normal, uniform
+from app.core.fusion.ground import Ground, off_floor_m, way_log_weight
 from app.core.fusion.sighting import Noise, Sighting
-from app.core.geometry import Walkable
 from app.core.params import FusionParams
 from app.core.types import FloatArray
 
@@ -60,24 +61,6 @@ class Particles:
     counter: int
 
 
-class Ground(NamedTuple):
-    """What particles move on.
-
-    Attributes
-    ----------
-    distance_m : (rows, columns)
-        Distance to walkable floor (see `Walkable`).
-    frame
-        x and y of the raster's first cell, and the cell's edge, m.
-    east
-        Cosine and sine of the direction of east on the plan.
-    """
-
-    distance_m: FloatArray
-    frame: tuple[float, float, float]
-    east: tuple[float, float]
-
-
 Factor: TypeAlias = tuple[float, float, float, float]
 """What turns two normal draws into an offset about a candidate: (xx, xy, yx, yy) of a matrix."""
 
@@ -87,18 +70,9 @@ Cloud: TypeAlias = tuple[FloatArray, FloatArray, Factor]
 Pair: TypeAlias = tuple[FloatArray, FloatArray]
 """State (n, 4) and log weight (n,) of `Particles`, as kernels take and return them."""
 
-Rules: TypeAlias = tuple[float, float, float]
-"""``off_floor_weight``, ``leave_floor_weight`` and ``far_off_m`` of `FusionParams`."""
-
-_EVERYWHERE = np.zeros((1, 1))
-
-
-def ground(walkable: Walkable | None, x_axis_from_east_rad: float) -> Ground:
-    """Return the ground of a floor; None: nobody said where people can walk."""
-    east = math.cos(x_axis_from_east_rad), -math.sin(x_axis_from_east_rad)
-    if walkable is None:
-        return Ground(_EVERYWHERE, (0.0, 0.0, 1.0), east)
-    return Ground(walkable.distance_m, (walkable.x0_m, walkable.y0_m, walkable.cell_m), east)
+Rules: TypeAlias = tuple[float, float, float, float]
+"""``off_floor_weight``, ``leave_floor_weight``, ``far_off_m`` and ``way_weight`` of
+`FusionParams`."""
 
 
 def weights(particles: Particles) -> FloatArray:
@@ -137,7 +111,12 @@ def walk(
         params.length_noise_ratio,
         params.heading_noise_rad,
     )
-    rules = params.off_floor_weight, params.leave_floor_weight, params.far_off_m
+    rules = (
+        params.off_floor_weight,
+        params.leave_floor_weight,
+        params.far_off_m,
+        params.way_weight,
+    )
     before = particles.state, particles.log_weight
     state, log_weight = _walked(before, stride, (noise, rules), floor, particles.counter)
     return Particles(state, log_weight, _after(particles.counter, len(state)))
@@ -191,17 +170,6 @@ def _priors(params: FusionParams) -> tuple[float, float]:
 
 def _after(counter: int, count: int) -> int:
     return counter + DRAWS * (count + 1)
-
-
-@register_jitable
-def _off_m(floor: Ground, x_m: float, y_m: float, far_m: float) -> float:
-    """Return how far a place is off the walkable floor, at most ``far_m``."""
-    distance_m, frame, _ = floor
-    rows, columns = distance_m.shape
-    column = math.floor((x_m - frame[0]) / frame[2] + 0.5)
-    row = math.floor((y_m - frame[1]) / frame[2] + 0.5)
-    off_m = distance_m[min(max(row, 0), rows - 1), min(max(column, 0), columns - 1)]
-    return float(min(off_m, far_m))
 
 
 @register_jitable
@@ -261,7 +229,7 @@ def _stand(
     state: FloatArray, log_weight: FloatArray, rule: tuple[float, float], floor: Ground
 ) -> None:  # pragma: no cover - compiled
     for k in range(len(state)):
-        log_weight[k] -= rule[0] * _off_m(floor, state[k, X], state[k, Y], rule[1])
+        log_weight[k] -= rule[0] * off_floor_m(floor, state[k, X], state[k, Y], rule[1])
     log_weight -= log_weight.max()
 
 
@@ -275,11 +243,12 @@ def _walked(
 ) -> Pair:  # pragma: no cover - compiled
     state, log_weight = before[0].copy(), before[1].copy()
     length_m, heading_rad = stride
-    (bias_walk, scale_walk, length_noise, heading_noise), (off_floor, leave_floor, far_m) = rule
+    (bias_walk, scale_walk, length_noise, heading_noise), rules = rule
+    off_floor, leave_floor, far_m, way = rules
     lost = math.isnan(heading_rad)
     for k in range(len(state)):
         here, one = at + DRAWS * (k + 1), state[k]
-        before_m = _off_m(floor, one[X], one[Y], far_m)
+        before_m = off_floor_m(floor, one[X], one[Y], far_m)
         one[BIAS] += bias_walk * normal(here)
         one[SCALE] += scale_walk * normal(here + 1)
         length = length_m * one[SCALE] * (1.0 + length_noise * normal(here + 2))
@@ -288,8 +257,9 @@ def _walked(
             direction = 2.0 * math.pi * uniform(here + 3) + math.atan2(floor[2][1], floor[2][0])
         one[X] += length * math.cos(direction)
         one[Y] += length * math.sin(direction)
-        off_m = _off_m(floor, one[X], one[Y], far_m)
+        off_m = off_floor_m(floor, one[X], one[Y], far_m)
         log_weight[k] -= off_floor * off_m + leave_floor * max(off_m - before_m, 0.0)
+        log_weight[k] += way * way_log_weight(floor, one[X], one[Y], direction)
     return state, log_weight - log_weight.max()
 
 

@@ -84,8 +84,11 @@ class MatchParams:
         Weight of the BLE distance against the two Wi-Fi ones (ms2020: 2 % better than without).
     k
         Candidates kept.
-    softness
-        Scale of the softmax over distances.
+    softness_ratio
+        Scale of the softmax over distances, as a share of the nearest Sørensen distance.
+    virtual_gain, virtual_even_share
+        How much nearer virtual fingerprints count the less the map knows of a scan, and where they
+        count as others do (ms2020: 1 %, with a quarter of its map 2 %).
     crowd_m
         Fingerprints within this distance of each other share their weight (ms2020: 1 % better).
     max_sorensen
@@ -106,7 +109,9 @@ class MatchParams:
     ble_exponent: float = 2.0
     ble_gain: float = 0.3
     k: int = 15
-    softness: float = 0.06
+    softness_ratio: float = 0.2
+    virtual_gain: float = 0.2
+    virtual_even_share: float = 0.4
     crowd_m: float = 3.0
     max_sorensen: float = 0.97
 

@@ -23,7 +23,7 @@ class FusionParams:
         Error of one step's length and direction; larger than the sensors' own, since successive
         scans err alike and must not be averaged for too long.
     noise_m2, noise_sorensen
-        Variance of candidates about the truth: noise (1 + noise_sorensen D1²), D1 the Sørensen
+        Variance of candidates about the truth: noise (1 + noise_sorensen D1⁴), D1 the Sørensen
         distance of the nearest fingerprint (0.1 to 0.3 on a good map).
     noise_beacons_sorensen
         The same where only advertisements were matched: few beacons resemble many places.
@@ -34,6 +34,9 @@ class FusionParams:
     off_floor_weight, leave_floor_weight, far_off_m
         Log weight lost per step and metre off the walkable floor, and per metre farther off it;
         beyond ``far_off_m`` nothing more is lost: plans are not exact.
+    way_weight
+        Log weight per step of what the ways say against a particle's direction; steps go on as
+        they began, so one tells little that the one before did not.
     jitter_share, jitter_max_m, bias_jitter_share
         How far a resampled copy moves, as a share of the cloud's spread, and at most.
     birth_share
@@ -53,15 +56,16 @@ class FusionParams:
     length_noise_ratio: float = 0.1
     heading_noise_rad: float = 0.3
     noise_m2: float = 5.0
-    noise_sorensen: float = 14.0
-    noise_beacons_sorensen: float = 60.0
-    clutter: float = 1e-4
+    noise_sorensen: float = 156.0
+    noise_beacons_sorensen: float = 240.0
+    clutter: float = 3e-5
     tempering: float = 0.45
     off_floor_weight: float = 0.05
     leave_floor_weight: float = 0.4
     far_off_m: float = 4.0
-    jitter_share: float = 0.2
-    jitter_max_m: float = 0.6
+    way_weight: float = 0.06
+    jitter_share: float = 0.3
+    jitter_max_m: float = 1.0
     bias_jitter_share: float = 0.1
     birth_share: float = 0.005
     sensor_gap_s: float = 3.0
@@ -164,8 +168,8 @@ class ReportParams:
     silence_s: float = 10.0
     max_age_s: float = 60.0
     fused_s: float = 10.0
-    covariance_scale: float = 3.1
-    extra_variance_m2: float = 0.5
+    covariance_scale: float = 2.8
+    extra_variance_m2: float = 2.0
     laterated_s: float = 5.0
     laterated_scale: float = 3.0
     laterated_extra_m2: float = 0.25
