@@ -155,10 +155,12 @@ def correct(
 def _match_variance_m2(query: Query, nearest_sorensen: float, params: FusionParams) -> float:
     """Return the variance of a fingerprint's candidates about the truth: R = r0 (1 + r1 D1⁴).
 
-    The less the nearest fingerprint resembles what is heard, the farther the phone is from it.
+    The less the nearest fingerprint resembles what is heard, the farther the phone is from it. A
+    few beacons resemble some fingerprint anywhere, and D1² tells as much of them as can be told.
     """
-    scale = params.noise_sorensen if query.wifi_dbm else params.noise_beacons_sorensen
-    return params.noise_m2 * (1.0 + scale * nearest_sorensen**4)
+    if query.wifi_dbm:
+        return params.noise_m2 * (1.0 + params.noise_sorensen * nearest_sorensen**4)
+    return params.noise_m2 * (1.0 + params.noise_beacons_sorensen * nearest_sorensen**2)
 
 
 def believe(state: SessionState, votes: FloatArray, time_s: float, params: Params) -> FloatArray:

@@ -26,7 +26,8 @@ class FusionParams:
         Variance of candidates about the truth: noise (1 + noise_sorensen D1⁴), D1 the Sørensen
         distance of the nearest fingerprint (0.1 to 0.3 on a good map).
     noise_beacons_sorensen
-        The same where only advertisements were matched: few beacons resemble many places.
+        The same where only advertisements were matched, times D1²: few beacons resemble many
+        places.
     clutter
         Likelihood per m² of candidates that have nothing to do with the place.
     tempering
@@ -57,7 +58,7 @@ class FusionParams:
     heading_noise_rad: float = 0.3
     noise_m2: float = 5.0
     noise_sorensen: float = 156.0
-    noise_beacons_sorensen: float = 240.0
+    noise_beacons_sorensen: float = 60.0
     clutter: float = 3e-5
     tempering: float = 0.45
     off_floor_weight: float = 0.05
@@ -169,7 +170,7 @@ class ReportParams:
     max_age_s: float = 60.0
     fused_s: float = 10.0
     covariance_scale: float = 2.8
-    extra_variance_m2: float = 2.0
+    extra_variance_m2: float = 3.0
     laterated_s: float = 5.0
     laterated_scale: float = 3.0
     laterated_extra_m2: float = 0.25
