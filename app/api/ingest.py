@@ -112,6 +112,7 @@ def _clock_report(clock: PhoneClock) -> ClockReport:
 def _reply(submitted: Submitted, output: dict[str, Any], now_s: float) -> dict[str, Any]:
     return {
         "accepted": submitted.accepted,
+        "waiting": submitted.waiting,
         "rejected": [rejection_json(rejection) for rejection in submitted.rejected],
         "ignored": submitted.ignored,
         "duplicate": submitted.duplicate,

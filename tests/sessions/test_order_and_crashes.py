@@ -9,6 +9,8 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from session_ports import (
+    PARAMS,
+    SITE,
     START_S,
     ChainFold,
     ProcessDiedError,
@@ -371,3 +373,22 @@ async def test_a_long_refolding_lets_others_run() -> None:
         turns += 1
         await asyncio.sleep(0)
     assert turns >= 400 / 8 * 3, "sorting gives way twice, folding once"
+
+
+@pytest.mark.anyio
+async def test_a_session_wakes_up_with_the_clock_that_counts() -> None:
+    server = Server(SessionLimits(snapshot_every_s=1.0))
+    walk = list(steps_at(*range(31)))
+    posted = [
+        batch_of([], seq, records=_records([step], set(), 0.0), clock=Told(seq / 1000).report())
+        for seq, step in enumerate(walk)
+    ]
+    for batch in [*posted[1:30], posted[0]]:
+        await server.registry.submit(batch)
+    server.clock.time_s += server.limits.evict_s
+    await server.registry.sweep()
+    reply = await server.registry.submit(posted[30])
+    state, fold = ChainFold().start(), ChainFold()
+    for step in walk:
+        state, _ = fold.advance(state, step, SITE, PARAMS)
+    assert reply.output == fold.finish(state, SITE, PARAMS)[-1]
