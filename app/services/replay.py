@@ -13,7 +13,7 @@ from app.services.access import Principal
 from app.services.errors import AppError, ErrorCode, found, invalid_field
 from app.services.site import SiteDirectory, fitted_map
 from app.services.site_choice import choose_params
-from app.services.tracks import SitePoint
+from app.services.tracks import SitePoint, TrackKind
 from app.storage.database import Database
 from app.storage.log import SqlObservationLog, find_session, logged_bytes
 from app.storage.radio_maps import get_radio_map, load_radio_map
@@ -65,7 +65,8 @@ class ReplayService:
         async with self._turn:
             observations = await self._log.observations(record.session_id)
             points = await asyncio.to_thread(smoothed, observations, site, params)
-        return [SitePoint(asked.device_id, record.session_id, record.site_id, p) for p in points]
+        where = (asked.device_id, record.session_id, record.site_id)
+        return [SitePoint(*where, p, record.session, TrackKind.SMOOTHED) for p in points]
 
     async def _session(self, principal: Principal, asked: ReplayRequest) -> SessionRecord:
         def statement(connection: Connection) -> tuple[SessionRecord | None, int]:
