@@ -1,4 +1,8 @@
-"""Logged observations in the phone's own times, and a clock that the lowest seq tells."""
+"""Logged observations in the phone's own times, and a clock that the lowest seq tells.
+
+A downgrade leaves what was logged meanwhile in those times: an earlier release takes them for
+event times.
+"""
 
 import sqlalchemy as sa
 from alembic import op
@@ -10,7 +14,6 @@ depends_on = None
 
 
 def upgrade() -> None:
-    # Not as batches: they make the table anew, and with the old one its sessions' logs would go.
     op.add_column("sessions", sa.Column("clock_ahead_s", sa.Double(), nullable=True))
     op.add_column("sessions", sa.Column("clock_mono_ahead_s", sa.Double(), nullable=True))
     op.add_column("sessions", sa.Column("clock_mono_seq", sa.BigInteger(), nullable=True))
@@ -23,6 +26,10 @@ def upgrade() -> None:
 def downgrade() -> None:
     offset_s = sa.Column("clock_offset_s", sa.Double(), nullable=False, server_default="0")
     op.add_column("sessions", offset_s)
+    op.execute(
+        "UPDATE sessions SET clock_offset_s = clock_ahead_s "
+        "WHERE NOT clock_recorded AND abs(clock_ahead_s) > 2"
+    )
     op.drop_column("observation_batches", "monotonic")
     op.drop_column("sessions", "clock_mono_seq")
     op.drop_column("sessions", "clock_mono_ahead_s")
