@@ -41,7 +41,7 @@ async def batches_per_s(url: str, round_name: str, group_limit: int) -> float:
 
     async def phone(name: str) -> None:
         for seq in range(BATCHES_PER_PHONE):
-            await log.append(batch(name, seq))
+            await log.append(batch(name, seq), SessionClock())
 
     start_s = time.perf_counter()
     await asyncio.gather(*map(phone, names))

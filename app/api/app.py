@@ -16,6 +16,7 @@ from app.api import (
     jobs,
     locate,
     login,
+    map_features,
     phones,
     planner,
     profiles,
@@ -30,6 +31,7 @@ from app.api import (
 )
 from app.api.context import ApiContext
 from app.api.errors import install_handlers
+from app.api.head import HeadMiddleware
 from app.api.openapi import install_openapi
 from app.api.request_id import REQUEST_ID_HEADER, RequestIdMiddleware
 
@@ -45,6 +47,7 @@ ROUTERS = (
     georeference.router,
     growth.router,
     floors.router,
+    map_features.router,
     planner.router,
     calibrations.floor_router,
     calibrations.router,
@@ -69,6 +72,7 @@ def mount_api(app: FastAPI, cors_origins: tuple[str, ...]) -> None:
         app.include_router(router)
     install_handlers(app)
     install_openapi(app)
+    app.add_middleware(HeadMiddleware)
     if cors_origins:
         app.add_middleware(
             CORSMiddleware,

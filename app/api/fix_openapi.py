@@ -3,6 +3,7 @@
 from typing import Any
 
 from app.core.types import Method, MotionMode
+from app.services.tracks import TrackKind
 
 Schema = dict[str, Any]
 
@@ -62,6 +63,31 @@ _PAGE: Schema = {
     "required": ["items", "next_cursor"],
 }
 
+_SESSIONS: Schema = {
+    "type": "array",
+    "description": "The sessions that the page's points are of.",
+    "items": {
+        "type": "object",
+        "properties": {
+            "session": {**_TEXT, "description": "The phone's name for it."},
+            "kind": {
+                "enum": [kind.value for kind in TrackKind],
+                "description": "smoothed: of all that the session told; causal: as it was known",
+            },
+            "first": _TIME,
+            "last": _TIME,
+            "points": _COUNT,
+        },
+        "required": ["session", "kind", "first", "last", "points"],
+    },
+}
+
+_TRACK_PAGE: Schema = {
+    **_PAGE,
+    "properties": {**_PAGE["properties"], "sessions": _SESSIONS},
+    "required": [*_PAGE["required"], "sessions"],
+}
+
 
 def _json(description: str, schema: Schema) -> Schema:
     return {"description": description, "content": {"application/json": {"schema": schema}}}
@@ -71,7 +97,7 @@ FIXES_REPLY = _json("One fix of each device.", _PAGE)
 TRACK_REPLY: Schema = {
     "description": "A page of the track, in the form that Accept asks for.",
     "content": {
-        "application/json": {"schema": _PAGE},
+        "application/json": {"schema": _TRACK_PAGE},
         "application/geo+json": {
             "schema": {"type": "object", "description": "A FeatureCollection (RFC 7946)."}
         },

@@ -120,7 +120,7 @@ async def get_floor(
     floor_id: str, principal: Reader, context: Context, request: Request, response: Response
 ) -> Floor | Response:
     """Return one floor."""
-    stored = await _floor(context, principal, floor_id)
+    stored = await floor_in_scope(context, principal, floor_id)
     if is_held(request, stored.row_version):
         return not_modified(stored.row_version)
     return tagged(response, stored.row_version, _view(stored))
@@ -136,7 +136,7 @@ async def replace_floor(
     response: Response,
 ) -> Floor:
     """Replace names and frame of a floor."""
-    await _floor(context, principal, floor_id)
+    await floor_in_scope(context, principal, floor_id)
     stored = await site_service.edit_floor(
         context.database, floor_id, seen, lambda floor: replace(floor, **_columns(body))
     )
@@ -154,7 +154,7 @@ async def patch_floor(
     response: Response,
 ) -> Floor:
     """Change some fields of a floor (merge-patch)."""
-    await _floor(context, principal, floor_id)
+    await floor_in_scope(context, principal, floor_id)
 
     def edit(floor: StoredFloor) -> StoredFloor:
         return replace(floor, **_columns(patched(FloorFields(**_fields(floor)), patch)))
@@ -167,7 +167,7 @@ async def patch_floor(
 @router.delete("/{floor_id}", status_code=204)
 async def delete_floor(floor_id: str, principal: Admin, context: Context, seen: Seen) -> None:
     """Remove a floor that has no beacons any more; recorded tracks stay."""
-    await _floor(context, principal, floor_id)
+    await floor_in_scope(context, principal, floor_id)
     await site_service.delete_floor(context.database, floor_id, seen)
     await context.directory.refresh()
 
@@ -177,7 +177,7 @@ async def get_plan(
     floor_id: str, principal: Reader, context: Context, request: Request
 ) -> Response:
     """Return the plan image; its ETag is a hash of its bytes."""
-    await _floor(context, principal, floor_id)
+    await floor_in_scope(context, principal, floor_id)
     plan = found(
         await context.database.read(lambda c: floors.get_plan(c, floor_id)),
         "plan of floor",
@@ -200,7 +200,7 @@ async def replace_plan(
     floor_id: str, principal: Admin, context: Context, seen: Seen, request: Request
 ) -> Response:
     """Replace the plan image (PNG, JPEG or SVG as the body); no coordinate moves."""
-    await _floor(context, principal, floor_id)
+    await floor_in_scope(context, principal, floor_id)
     plan = await read_plan_image(request)
     await site_service.replace_plan(context.database, floor_id, seen, plan)
     return Response(status_code=204, headers={"ETag": etag_of(plan.digest)})
@@ -209,14 +209,14 @@ async def replace_plan(
 @router.delete("/{floor_id}/plan", status_code=204)
 async def delete_plan(floor_id: str, principal: Admin, context: Context, seen: Seen) -> None:
     """Remove the plan image."""
-    await _floor(context, principal, floor_id)
+    await floor_in_scope(context, principal, floor_id)
     await site_service.replace_plan(context.database, floor_id, seen, None)
 
 
 @router.get("/{floor_id}/map", response_class=JSONResponse, responses=NOT_MODIFIED)
 async def get_map(floor_id: str, principal: Reader, context: Context, request: Request) -> Response:
     """Return walls, walkable outlines and obstacles, in metres of the site frame."""
-    stored = await _floor(context, principal, floor_id)
+    stored = await floor_in_scope(context, principal, floor_id)
     if is_held(request, stored.row_version):
         return not_modified(stored.row_version)
     document = found(
@@ -235,7 +235,7 @@ async def replace_map(
 
     `properties.kind` of a feature is `walkable`, `obstacle` (both polygons) or `wall` (lines).
     """
-    await _floor(context, principal, floor_id)
+    await floor_in_scope(context, principal, floor_id)
     document = await read_json_object(request, MAX_MAP_BYTES)
     await site_service.replace_map(context.database, floor_id, seen, document)
     await context.directory.refresh()
@@ -244,12 +244,13 @@ async def replace_map(
 @router.delete("/{floor_id}/map", status_code=204)
 async def delete_map(floor_id: str, principal: Admin, context: Context, seen: Seen) -> None:
     """Remove the map."""
-    await _floor(context, principal, floor_id)
+    await floor_in_scope(context, principal, floor_id)
     await site_service.replace_map(context.database, floor_id, seen, None)
     await context.directory.refresh()
 
 
-async def _floor(context: ApiContext, principal: Principal, floor_id: str) -> StoredFloor:
+async def floor_in_scope(context: ApiContext, principal: Principal, floor_id: str) -> StoredFloor:
+    """Return a floor that the token may see."""
     stored = found(
         await context.database.read(lambda c: floors.get_floor(c, floor_id)), "floor", floor_id
     )

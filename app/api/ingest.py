@@ -30,6 +30,9 @@ class _Seq(msgspec.Struct):
     seq: int | None = None
 
 
+_SEQS = msgspec.json.Decoder(_Seq)
+
+
 @router.post("", openapi_extra=INGEST_BODY, responses={200: INGEST_REPLY, **problems(429)})
 async def post_batch(
     request: Request, principal: Annotated[Principal, Depends(require(*POSTERS))]
@@ -65,8 +68,8 @@ async def stream_batches(websocket: WebSocket) -> None:
 async def _answer(context: ApiContext, principal: Principal, body: bytes) -> dict[str, Any]:
     """Return the frame that acknowledges or refuses one batch; never raises."""
     seq: int | None = None
-    with suppress(msgspec.DecodeError, RecursionError):
-        seq = msgspec.json.decode(body, type=_Seq).seq
+    with suppress(AppError):
+        seq = decode_body(body, _SEQS).seq
     try:
         return {"op": "ack", "seq": seq, **await _take(context, principal, body)}
     except AppError as refused:
@@ -112,6 +115,7 @@ def _clock_report(clock: PhoneClock) -> ClockReport:
 def _reply(submitted: Submitted, output: dict[str, Any], now_s: float) -> dict[str, Any]:
     return {
         "accepted": submitted.accepted,
+        "waiting": submitted.waiting,
         "rejected": [rejection_json(rejection) for rejection in submitted.rejected],
         "ignored": submitted.ignored,
         "duplicate": submitted.duplicate,

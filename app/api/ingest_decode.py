@@ -17,6 +17,11 @@ from app.sessions.batch import IncomingRecord
 
 Body = TypeVar("Body")
 
+# A text to its end, or what is no JSON but what many serialisers make of such a number.
+_TEXT_OR_NOT_FINITE = re.compile(rb'"(?:[^"\\]|\\.)*+\\?"?|-?(?:NaN|Infinity)', re.DOTALL)
+# A phone's batch is far smaller; beyond this the search would delay other phones.
+_MAX_QUOTED_BYTES = 1 << 20
+
 _PATH_PART = re.compile(r"\.([^.\[]+)|\[(\d+)\]")
 
 
@@ -47,6 +52,9 @@ class DecodedRecords:
 def decode_body(body: bytes, decoder: msgspec.json.Decoder[Body]) -> Body:
     """Return the envelope of a body; records stay raw.
 
+    NaN and Infinity are no JSON. They are taken for texts: where a number must be, a text is the
+    wrong type, and only that record is refused, with a pointer to the place.
+
     Raises
     ------
     AppError
@@ -54,7 +62,7 @@ def decode_body(body: bytes, decoder: msgspec.json.Decoder[Body]) -> Body:
     """
     try:
         body.decode()
-        return decoder.decode(body)
+        return _decoded(body, decoder)
     except msgspec.ValidationError as error:
         _, pointer, detail = _explain(error)
         raise AppError(
@@ -66,6 +74,30 @@ def decode_body(body: bytes, decoder: msgspec.json.Decoder[Body]) -> Body:
         raise AppError(ErrorCode.MALFORMED_BODY, f"the body is not JSON: {error}") from error
     except RecursionError as error:
         raise AppError(ErrorCode.MALFORMED_BODY, "the body is nested too deeply") from error
+
+
+def _decoded(body: bytes, decoder: msgspec.json.Decoder[Body]) -> Body:
+    try:
+        return decoder.decode(body)
+    except msgspec.ValidationError:
+        raise
+    except msgspec.DecodeError:
+        # Only now: bodies that are JSON are not searched.
+        quoted = _not_finite_quoted(body) if len(body) <= _MAX_QUOTED_BYTES else body
+        if quoted == body:
+            raise
+        return decoder.decode(quoted)
+
+
+def _not_finite_quoted(body: bytes) -> bytes:
+    if b"NaN" not in body and b"Infinity" not in body:
+        return body
+    return _TEXT_OR_NOT_FINITE.sub(_quoted, body)
+
+
+def _quoted(match: re.Match[bytes]) -> bytes:
+    # As long as before: what is wrong elsewhere is told by its byte in the body.
+    return match[0] if match[0].startswith(b'"') else b'"%b"' % match[0][1:-1]
 
 
 def decode_records(records: Sequence[Raw], *, may_state_truth: bool) -> DecodedRecords:

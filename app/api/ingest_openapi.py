@@ -139,6 +139,10 @@ INGEST_REPLY = _reply(
     "The batch is durable; `fix` is what it led to.",
     {
         "accepted": {"type": "integer"},
+        "waiting": {
+            "type": "integer",
+            "description": "Of the accepted records, timed by a clock that no batch told so far.",
+        },
         "duplicate": {"type": "boolean", "description": "The batch was known already."},
         "server_ms": {"type": "integer"},
     },

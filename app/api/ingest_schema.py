@@ -182,7 +182,7 @@ class Phone(Struct):
 
 
 class PhoneClock(Struct):
-    """The phone's clocks at sending; a session's first batch settles how they map to our time."""
+    """The phone's clocks at sending; the lowest seq that tells both counts for its session."""
 
     sent_ms: ClockMs | None = None
     mono_ms: ClockMs | None = None

@@ -69,6 +69,15 @@ EXAMPLES: dict[tuple[str, str], Example] = {
             },
         ],
     },
+    ("post", "/v1/floors/{floor_id}/map/features"): {
+        "type": "Feature",
+        "id": "meeting-room",
+        "properties": {"kind": "wall", "material": "glass"},
+        "geometry": {"type": "LineString", "coordinates": [[20, 15], [30, 15], [30, 0]]},
+    },
+    ("patch", "/v1/floors/{floor_id}/map/features/{feature_id}"): {
+        "properties": {"material": "brick"}
+    },
     ("post", "/v1/radio-maps"): {"site_id": "hall", "name": "Spring", "virtual": True},
     ("post", "/v1/beacons"): {
         "beacon_id": "entrance",

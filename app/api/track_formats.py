@@ -27,6 +27,7 @@ COLUMNS = (
     "motion",
     "method",
     "floor_confidence",
+    "kind",
 )
 
 GPX_NAMESPACE = "http://www.topografix.com/GPX/1/1"
@@ -58,6 +59,7 @@ def track_csv(points: Iterable[SitePoint], georeference_of: GeoreferenceOf) -> s
                 point.motion.value,
                 point.method.value,
                 point.floor_confidence,
+                located.kind.value,
             )
         )
     return out.getvalue()
@@ -69,7 +71,7 @@ def track_geojson(
     """Return a FeatureCollection: one line for each stretch on one floor in one session."""
     features = [
         _feature(list(stretch), georeference_of)
-        for _, stretch in groupby(points, key=lambda p: (p.session_id, p.point.floor_id))
+        for _, stretch in groupby(points, key=lambda p: (p.session_id, p.point.floor_id, p.kind))
     ]
     return {"type": "FeatureCollection", "features": features, "next_cursor": next_cursor}
 
@@ -105,6 +107,7 @@ def _feature(stretch: Sequence[SitePoint], georeference_of: GeoreferenceOf) -> d
         "device_id": first.device_id,
         "site_id": first.site_id,
         "floor_id": first.point.floor_id,
+        "kind": first.kind.value,
         "times": [iso_time(located.point.time_s) for located in stretch],
         "radius95_m": [located.point.radius95_m for located in stretch],
     }

@@ -12,7 +12,7 @@ from pydantic import AwareDatetime, BeforeValidator, WithJsonSchema
 from app.api.auth import check_site
 from app.api.context import ApiContext
 from app.api.devices import OwnReader, device_in_scope
-from app.api.fix import fix_json
+from app.api.fix import fix_json, iso_time
 from app.api.fix_openapi import FIXES_REPLY, TRACK_REPLY
 from app.api.negotiation import best_type
 from app.api.paging import decode_cursor, encode_cursor
@@ -175,7 +175,7 @@ def track_response(
             content = track_geojson(page.points, georeference_of, next_cursor)
         case _:
             items = [_json(context, located) for located in page.points]
-            content = {"items": items, "next_cursor": next_cursor}
+            content = {"items": items, "next_cursor": next_cursor, "sessions": _sessions(page)}
     return JSONResponse(content, 200, headers, media_type)
 
 
@@ -195,6 +195,23 @@ async def _points_at(
         SitePoint(device_id, "", site_id, output)
         for device_id, output in latest.items()
         if isinstance(output, TrackPoint)
+    ]
+
+
+def _sessions(page: TrackPage) -> list[dict[str, Any]]:
+    """Return what sessions the points are of, and what kind of track each has."""
+    by_session: dict[str, list[SitePoint]] = {}
+    for located in page.points:
+        by_session.setdefault(located.session_id, []).append(located)
+    return [
+        {
+            "session": points[0].session,
+            "kind": points[-1].kind.value,
+            "first": iso_time(points[0].point.time_s),
+            "last": iso_time(points[-1].point.time_s),
+            "points": len(points),
+        }
+        for points in by_session.values()
     ]
 
 

@@ -87,6 +87,15 @@ class FloorMap:
             raise FloorMapError(pointer="#/features", detail=str(error)) from error
 
 
+@dataclass(frozen=True, slots=True)
+class MapFeature:
+    """One part of a map; a wall has at least one stretch."""
+
+    kind: str
+    geometry: BaseGeometry
+    walls: tuple[Wall, ...] = ()
+
+
 def parse_floor_map(
     document: Mapping[str, Any], materials_db: Mapping[str, float] = MATERIALS_DB
 ) -> FloorMap:
@@ -100,17 +109,32 @@ def parse_floor_map(
     by_kind: dict[str, list[BaseGeometry]] = {kind: [] for kind in _KINDS}
     walls: list[Wall] = []
     coordinates = 0
-    for i, feature in enumerate(_features(document)):
-        kind, geometry, properties = _feature(f"#/features/{i}", feature)
-        coordinates += int(shapely.count_coordinates(geometry))
+    for i, document_of_feature in enumerate(_features(document)):
+        feature = parse_feature(document_of_feature, f"#/features/{i}", materials_db)
+        coordinates += int(shapely.count_coordinates(feature.geometry))
         if coordinates > MAX_COORDINATES:
             detail = f"more than {MAX_COORDINATES} coordinates"
             raise FloorMapError(pointer="#/features", detail=detail)
-        by_kind[kind].append(geometry)
-        if kind == "wall":
-            pointer = f"#/features/{i}/properties"
-            walls.extend(_walls(geometry, _attenuation_db(pointer, properties, materials_db)))
+        by_kind[feature.kind].append(feature.geometry)
+        walls.extend(feature.walls)
     return FloorMap(tuple(by_kind["walkable"]), tuple(by_kind["obstacle"]), tuple(walls))
+
+
+def parse_feature(
+    document: object, pointer: str = "#", materials_db: Mapping[str, float] = MATERIALS_DB
+) -> MapFeature:
+    """Return one feature of a map; ``pointer`` tells where in its document it is.
+
+    Raises
+    ------
+    FloorMapError
+        If it is not of a known kind or its geometry is not valid.
+    """
+    kind, geometry, properties = _feature(pointer, document)
+    if kind != "wall":
+        return MapFeature(kind, geometry)
+    attenuation_db = _attenuation_db(f"{pointer}/properties", properties, materials_db)
+    return MapFeature(kind, geometry, tuple(_walls(geometry, attenuation_db)))
 
 
 def floor_map_document(

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 from sqlalchemy import Connection
 
-from app.core.engine import order_key
 from app.core.fingerprint.survey import chosen_keys
 from app.core.survey import Scan, Surveyed, SurveyPoint, SurveyWalk
 from app.core.types import BleScan, FloatArray, Observation, Truth, WifiScan
@@ -178,9 +177,8 @@ async def of_session(
         return record.session_id, record.session
 
     session_id, name = await database.read(statement)
-    batches = await SqlObservationLog(database).read(session_id)
-    by_key = {order_key(o): o for batch in batches for o in batch.observations}
-    walks = tuple(truth_walks(name, [by_key[key] for key in sorted(by_key)]))
+    observations = await SqlObservationLog(database).observations(session_id)
+    walks = tuple(truth_walks(name, observations))
     return Labelled({"device_id": device_id, "session": name}, device_id, walks)
 
 

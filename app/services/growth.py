@@ -11,7 +11,7 @@ from functools import partial
 import numpy as np
 from sqlalchemy import Connection
 
-from app.core.engine import PROFILES, order_key
+from app.core.engine import PROFILES
 from app.core.engine.growing import (
     FinishedSession,
     GrowingParams,
@@ -202,9 +202,7 @@ async def _told(database: Database, record: SessionRecord) -> list[Observation]:
     size = await database.read(partial(logged_bytes, session_id=record.session_id))
     if size > MAX_SESSION_BYTES:
         return []
-    batches = await SqlObservationLog(database).read(record.session_id)
-    by_key = {order_key(o): o for batch in batches for o in batch.observations}
-    return [by_key[key] for key in sorted(by_key)]
+    return await SqlObservationLog(database).observations(record.session_id)
 
 
 def _grown(

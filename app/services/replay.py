@@ -6,16 +6,14 @@ from functools import partial
 
 from sqlalchemy import Connection
 
-from app.core.engine import order_key, smoothed
-from app.core.params import Params
-from app.core.session import LoggedBatch, SessionRecord
+from app.core.engine import smoothed
+from app.core.session import SessionRecord
 from app.core.site import SiteModel
-from app.core.types import TrackPoint
 from app.services.access import Principal
 from app.services.errors import AppError, ErrorCode, found, invalid_field
 from app.services.site import SiteDirectory, fitted_map
 from app.services.site_choice import choose_params
-from app.services.tracks import SitePoint
+from app.services.tracks import SitePoint, TrackKind
 from app.storage.database import Database
 from app.storage.log import SqlObservationLog, find_session, logged_bytes
 from app.storage.radio_maps import get_radio_map, load_radio_map
@@ -65,9 +63,10 @@ class ReplayService:
             detail = "another replay is running"
             raise AppError(ErrorCode.TOO_MANY_REQUESTS, detail, retry_after_s=_RETRY_AFTER_S)
         async with self._turn:
-            batches = await self._log.read(record.session_id)
-            points = await asyncio.to_thread(_track, batches, site, params)
-        return [SitePoint(asked.device_id, record.session_id, record.site_id, p) for p in points]
+            observations = await self._log.observations(record.session_id)
+            points = await asyncio.to_thread(smoothed, observations, site, params)
+        where = (asked.device_id, record.session_id, record.site_id)
+        return [SitePoint(*where, p, record.session, TrackKind.SMOOTHED) for p in points]
 
     async def _session(self, principal: Principal, asked: ReplayRequest) -> SessionRecord:
         def statement(connection: Connection) -> tuple[SessionRecord | None, int]:
@@ -97,8 +96,3 @@ class ReplayService:
         radio_map = await self._database.read(partial(load_radio_map, radio_map_id=radio_map_id))
         floor_ids = tuple(floor.floor_id for floor in site.floors)
         return replace(site, radio_map=fitted_map(radio_map, floor_ids))
-
-
-def _track(batches: list[LoggedBatch], site: SiteModel, params: Params) -> tuple[TrackPoint, ...]:
-    by_key = {order_key(o): o for batch in batches for o in batch.observations}
-    return smoothed([by_key[key] for key in sorted(by_key)], site, params)

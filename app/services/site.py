@@ -238,14 +238,27 @@ async def replace_map(
     database: Database, floor_id: str, seen: SeenVersions, document: dict[str, Any] | None
 ) -> None:
     """Replace or remove a floor's map, and with it the walkable raster."""
+    try:
+        await store_map(database, floor_id, seen, document)
+    except FloorMapError as error:
+        errors = (FieldError(error.pointer, error.detail),)
+        detail = "the document is not a floor's map"
+        raise AppError(ErrorCode.INVALID_FIELD, detail, errors=errors) from error
+
+
+async def store_map(
+    database: Database, floor_id: str, seen: SeenVersions, document: dict[str, Any] | None
+) -> None:
+    """Store or remove a floor's map together with what the engine makes of it.
+
+    Raises
+    ------
+    FloorMapError
+        If the document is not a floor's map.
+    """
     walkable = None
     if document is not None:
-        try:
-            walkable = await asyncio.to_thread(lambda: parse_floor_map(document).raster())
-        except FloorMapError as error:
-            errors = (FieldError(error.pointer, error.detail),)
-            detail = "the document is not a floor's map"
-            raise AppError(ErrorCode.INVALID_FIELD, detail, errors=errors) from error
+        walkable = await asyncio.to_thread(lambda: parse_floor_map(document).raster())
 
     def statement(connection: Connection) -> None:
         floor = _seen_floor(connection, floor_id, seen)

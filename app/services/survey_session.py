@@ -7,7 +7,6 @@ from uuid import uuid4
 
 from sqlalchemy import Connection
 
-from app.core.engine import order_key
 from app.core.motion.walks import survey_walks
 from app.core.session import SessionRecord
 from app.core.survey import SurveyWalk
@@ -58,8 +57,7 @@ class SessionSurveys:
             record = await self._session(principal, asked)
             request = UploadRequest(record.site_id, asked.name)
             frame = await self._database.read(partial(survey_frame, request=request))
-            batches = await self._log.read(record.session_id)
-            observations = sorted((o for b in batches for o in b.observations), key=order_key)
+            observations = await self._log.observations(record.session_id)
             name = record.session
             walks, tally = await asyncio.to_thread(_walks, name, observations, frame)
         if not tally.holdings():

@@ -3,6 +3,7 @@
 import math
 from collections.abc import AsyncIterator, Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 from functools import partial
 from itertools import groupby
 
@@ -13,21 +14,30 @@ from app.core.site import SiteModel
 from app.core.types import TrackPoint
 from app.sessions.registry import SessionRegistry
 from app.storage.database import Database
-from app.storage.devices import sites_of_sessions
+from app.storage.devices import sessions_of_device
 from app.storage.tracks import StoredPoint, TrackCursor, fixes_at, read_track
 
 CHUNK = 2000
 """Points read at once: half an hour, a few milliseconds."""
 
 
+class TrackKind(StrEnum):
+    """What a point of a track rests on: what came before it, or all of its session."""
+
+    CAUSAL = "causal"
+    SMOOTHED = "smoothed"
+
+
 @dataclass(frozen=True, slots=True)
 class SitePoint:
-    """A track point with where and of whom it is."""
+    """A track point with where and of whom it is; ``session`` is the phone's name for it."""
 
     device_id: str
     session_id: str
     site_id: str
     point: TrackPoint
+    session: str = ""
+    kind: TrackKind = TrackKind.CAUSAL
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +77,8 @@ class TrackPage:
 async def read_page(database: Database, registry: SessionRegistry, query: TrackQuery) -> TrackPage:
     """Return a page of a device's track, complete up to the newest batch taken."""
     await registry.settle(query.device_id)
-    sites = await database.read(lambda c: sites_of_sessions(c, query.device_id))
+    sessions = await database.read(lambda c: sessions_of_device(c, query.device_id))
+    sites = {session_id: site_id for session_id, (site_id, _) in sessions.items()}
     kept: list[StoredPoint] = []
     bucket = _bucket_of_cursor(query)
     async for stored in _joined(database, registry, query):
@@ -81,11 +92,7 @@ async def read_page(database: Database, registry: SessionRegistry, query: TrackQ
         if len(kept) > query.limit:
             break
     page = kept[: query.limit]
-    points = [
-        SitePoint(p.device_id, p.session_id, sites[p.session_id], p.point)
-        for p in page
-        if p.session_id in sites
-    ]
+    points = [_site_point(p, *sessions[p.session_id]) for p in page if p.session_id in sessions]
     if query.simplify_m is not None:
         points = simplified(points, query.simplify_m)
     return TrackPage(tuple(points), page[-1].cursor if len(kept) > query.limit else None)
@@ -122,6 +129,11 @@ def simplified(points: Sequence[SitePoint], tolerance_m: float) -> list[SitePoin
         keep = simplify_line(xy_m, tolerance_m)
         kept += [p for p, wanted in zip(stretch, keep, strict=True) if wanted]
     return kept
+
+
+def _site_point(stored: StoredPoint, site_id: str, session: str) -> SitePoint:
+    kind = TrackKind.SMOOTHED if stored.smoothed else TrackKind.CAUSAL
+    return SitePoint(stored.device_id, stored.session_id, site_id, stored.point, session, kind)
 
 
 async def _joined(

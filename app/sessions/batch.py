@@ -53,7 +53,8 @@ class Submitted:
     """The answer to a durable batch.
 
     ``output`` is the session's position (or its absence) at the latest observation, None while the
-    session has observed nothing; ``duplicate`` tells a batch that was known already.
+    session has observed nothing; ``duplicate`` tells a batch that was known already. ``waiting`` of
+    the accepted records count as soon as a batch of the session tells the monotonic clock.
     """
 
     session_id: str
@@ -62,6 +63,7 @@ class Submitted:
     ignored: int
     output: Output | None
     duplicate: bool
+    waiting: int = 0
 
 
 class BatchConflictError(Exception):

@@ -1,37 +1,50 @@
-"""From a phone's clocks to event time, by a map that is frozen at the session's first batch."""
+"""A session's clock as its batches tell it, and what a batch may say by it."""
 
 from dataclasses import replace
 
-from app.core.engine import event_time_s
-from app.core.session import Rejection, SessionClock
-from app.core.types import Observation, Pedometer
+from app.core.session import LoggedBatch, Rejection, SessionClock, Untimed, in_event_time
 from app.sessions.batch import ClockReport, IncomingBatch, IncomingRecord
 
-# Phones keep time by network to well under this; what is left below is the way of the message.
-CLOCK_TOLERANCE_S = 2.0
-# A live phone keeps what it could not send for a day at most.
-MAX_AGE_S = 24 * 3600.0
-# Room for an offset that was estimated on a slow connection.
-MAX_AHEAD_S = 300.0
-# Shifted times are rounded to a microsecond: the last bits of a sum of clock readings would tell
-# which batch was the first, and with them the track.
-_TIME_DIGITS = 6
+# Messages of this first span of a session tell how far the phone's wall clock is off: the least
+# delayed of a handful is as good as the best of all, and a clock set right later moves nothing.
+SETTLING_S = 60.0
+# A record by a monotonic clock that nobody has told yet waits for its session's other batches this
+# long: several retries of the one that is under way.
+CLOCK_WAIT_S = 60.0
+
+_DETAILS = {
+    Untimed.NO_CLOCK: "no batch of the session tells sent_ms and mono_ms in its clock block",
+    Untimed.TOO_OLD: "observed more than 24 h ago",
+    Untimed.IN_FUTURE: "more than 5 min ahead of the server",
+}
 
 
-def freeze_clock(report: ClockReport, received_s: float) -> SessionClock:
-    """Return the session's clock as its first batch tells it.
+def settled_clock(clock: SessionClock, batch: IncomingBatch, opened_s: float) -> SessionClock:
+    """Return the session's clock with what a batch tells of it; the order of batches is all one.
 
-    A recording keeps its times; a live phone's wall clock is set right if it is off by more than
-    the tolerance.
+    How the monotonic clock maps to the wall clock is what the batch of the lowest seq told: its two
+    readings are some milliseconds apart, other ones in each batch. How far the phone's clocks are
+    off is the least that a batch of the first minute told: a message is late, never early.
     """
-    offset_s = 0.0
-    if not report.recorded and report.sent_s is not None:
-        difference_s = received_s - report.sent_s
-        offset_s = difference_s if abs(difference_s) > CLOCK_TOLERANCE_S else 0.0
-    mono_to_wall_s = None
-    if report.sent_s is not None and report.mono_s is not None:
+    report = batch.clock
+    settled = replace(clock, boot_id=clock.boot_id or report.boot_id)
+    if report.sent_s is None:
+        return settled
+    if batch.received_s - opened_s <= SETTLING_S:
+        settled = replace(settled, ahead_s=_least(clock.ahead_s, batch.received_s - report.sent_s))
+    if report.mono_s is None:
+        return settled
+    if batch.received_s - opened_s <= SETTLING_S:
+        mono_ahead_s = _least(clock.mono_ahead_s, batch.received_s - report.mono_s)
+        settled = replace(settled, mono_ahead_s=mono_ahead_s)
+    if clock.mono_seq is None or batch.seq < clock.mono_seq:
         mono_to_wall_s = report.sent_s - report.mono_s
-    return SessionClock(report.recorded, offset_s, mono_to_wall_s, report.boot_id)
+        settled = replace(settled, mono_to_wall_s=mono_to_wall_s, mono_seq=batch.seq)
+    return settled
+
+
+def _least(known_s: float | None, told_s: float) -> float:
+    return told_s if known_s is None else min(known_s, told_s)
 
 
 def is_same_clock(clock: SessionClock, report: ClockReport) -> bool:
@@ -41,45 +54,32 @@ def is_same_clock(clock: SessionClock, report: ClockReport) -> bool:
     return clock.boot_id is None or report.boot_id is None or clock.boot_id == report.boot_id
 
 
-def observations_in_event_time(
-    batch: IncomingBatch, clock: SessionClock
-) -> tuple[tuple[Observation, ...], tuple[Rejection, ...]]:
-    """Return the batch's observations in event time, and all its rejections by index."""
-    observations: list[Observation] = []
+def logged_batch(
+    batch: IncomingBatch, session_id: str, clock: SessionClock, opened_s: float
+) -> LoggedBatch:
+    """Return what is logged of a batch: the records that are taken, and all rejections by index."""
+    taken: list[IncomingRecord] = []
     rejected = list(batch.rejected)
+    may_wait = batch.received_s - opened_s <= CLOCK_WAIT_S
     for record in batch.records:
-        result = _in_event_time(record, clock, batch.received_s)
-        if isinstance(result, Rejection):
-            rejected.append(result)
+        why = _refused(record, clock, batch.received_s)
+        if why is None or (why is Untimed.NO_CLOCK and may_wait):
+            taken.append(record)
         else:
-            observations.append(result)
-    return tuple(observations), tuple(sorted(rejected, key=lambda r: r.index))
+            rejected.append(Rejection(record.index, why.value, detail=_DETAILS[why]))
+    monotonic = tuple(record.monotonic for record in taken)
+    return LoggedBatch(
+        session_id=session_id,
+        seq=batch.seq,
+        digest=batch.digest,
+        received_s=batch.received_s,
+        observations=tuple(record.observation for record in taken),
+        rejected=tuple(sorted(rejected, key=lambda r: r.index)),
+        ignored=batch.ignored,
+        monotonic=monotonic if any(monotonic) else (),
+    )
 
 
-def _in_event_time(
-    record: IncomingRecord, clock: SessionClock, received_s: float
-) -> Observation | Rejection:
-    shift_s = clock.offset_s
-    if record.monotonic:
-        if clock.mono_to_wall_s is None:
-            detail = "the session's first batch told no monotonic time in its clock block"
-            return Rejection(record.index, "no_clock", detail=detail)
-        shift_s += clock.mono_to_wall_s
-    observation = _shifted(record.observation, shift_s)
-    if clock.recorded:
-        return observation
-    if observation.time_s < received_s - MAX_AGE_S:
-        return Rejection(record.index, "too_old", detail="observed more than 24 h ago")
-    if event_time_s(observation) > received_s + MAX_AHEAD_S:
-        return Rejection(record.index, "in_future", detail="more than 5 min ahead of the server")
-    return observation
-
-
-def _shifted(observation: Observation, shift_s: float) -> Observation:
-    if shift_s == 0.0:
-        return observation
-    time_s = round(observation.time_s + shift_s, _TIME_DIGITS)
-    if isinstance(observation, Pedometer):
-        begin_s = round(observation.begin_s + shift_s, _TIME_DIGITS)
-        return replace(observation, begin_s=begin_s, time_s=time_s)
-    return replace(observation, time_s=time_s)
+def _refused(record: IncomingRecord, clock: SessionClock, received_s: float) -> Untimed | None:
+    timed = in_event_time(record.observation, clock, received_s, monotonic=record.monotonic)
+    return timed if isinstance(timed, Untimed) else None

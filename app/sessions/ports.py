@@ -7,7 +7,13 @@ from typing import Protocol
 from app.core import engine
 from app.core.engine import Explanation, SessionState
 from app.core.params import Params
-from app.core.session import LastPoint, LoggedBatch, LogUnavailableError, SessionRecord
+from app.core.session import (
+    LastPoint,
+    LoggedBatch,
+    LogUnavailableError,
+    SessionClock,
+    SessionRecord,
+)
 from app.core.site import SiteModel
 from app.core.types import Observation, Output, TrackPoint
 
@@ -82,7 +88,11 @@ class ObservationLog(Protocol):
         """Return sessions whose final track has not been stored yet."""
         ...
 
-    async def append(self, batch: LoggedBatch) -> LoggedBatch:
+    async def settle_clock(self, record: SessionRecord) -> None:
+        """Store the session's clock; if its event times are others now, forget the snapshot."""
+        ...
+
+    async def append(self, batch: LoggedBatch, clock: SessionClock) -> LoggedBatch:
         """Make a batch durable (group commit) and return it; of a known seq, the stored batch.
 
         A new batch comes back as the very object that was passed. Of another object the caller
@@ -96,7 +106,10 @@ class ObservationLog(Protocol):
         ...
 
     async def read(self, session_id: str, since_s: float | None = None) -> list[LoggedBatch]:
-        """Return the batches with an observation at or after event time ``since_s`` (None: all)."""
+        """Return the batches with an observation at or after event time ``since_s`` (None: all).
+
+        Event times are those of the session's stored clock.
+        """
         ...
 
     async def finish_session(self, session_id: str) -> None:

@@ -7,10 +7,11 @@ import uuid
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import TypeVar
 
 from app.core.engine import Explanation
 from app.core.params import Params
-from app.core.session import LoggedBatch, LogUnavailableError, SessionRecord
+from app.core.session import LoggedBatch, LogUnavailableError, SessionClock, SessionRecord
 from app.core.site import SiteModel
 from app.core.types import Output, TrackPoint
 from app.sessions.batch import (
@@ -21,12 +22,14 @@ from app.sessions.batch import (
     Submitted,
     UnknownSiteError,
 )
-from app.sessions.clock import freeze_clock, is_same_clock, observations_in_event_time
+from app.sessions.clock import is_same_clock, logged_batch, settled_clock
 from app.sessions.hub import Hub
 from app.sessions.limits import SessionLimits
 from app.sessions.mailbox import Mailbox
 from app.sessions.ports import Clock, SessionPorts, SiteSource
 from app.sessions.worker import DeviceSession
+
+T = TypeVar("T")
 
 logger = logging.getLogger(__name__)
 
@@ -193,23 +196,14 @@ class SessionRegistry:
         if record.site_id != batch.site_id or not is_same_clock(record.clock, batch.clock):
             raise ClockChangedError(batch.session)
         session = await self._awake(slot)
-        switched = await self._follow_profile(slot, session, batch.profile)
+        changed = await self._follow_profile(slot, session, batch.profile)
+        changed = await self._follow_clock(slot, session, batch) or changed
         record = slot.record
         slot.seen_s = self._clock.now_s()
-        observations, rejected = observations_in_event_time(batch, record.clock)
-        logged = LoggedBatch(
-            session_id=record.session_id,
-            seq=batch.seq,
-            digest=batch.digest,
-            received_s=batch.received_s,
-            observations=observations,
-            rejected=rejected,
-            ignored=batch.ignored,
-        )
+        logged = logged_batch(batch, record.session_id, record.clock, record.opened_s)
         stored = await self._append(session, logged)
-        changed = switched
         if stored is logged or session.is_unconfirmed(batch.seq):
-            changed = await self._fold(slot, session, stored) or switched
+            changed = await self._fold(slot, session, stored) or changed
         output = session.output()
         if changed and output is not None:
             self._show(record, output)
@@ -222,6 +216,7 @@ class SessionRegistry:
             ignored=stored.ignored,
             output=output,
             duplicate=stored is not logged,
+            waiting=stored.monotonic_count if record.clock.mono_to_wall_s is None else 0,
         )
 
     async def _open(self, device: _Device, batch: IncomingBatch) -> _Slot:
@@ -231,7 +226,7 @@ class SessionRegistry:
             session=batch.session,
             site_id=batch.site_id,
             profile=batch.named_profile or batch.profile,
-            clock=freeze_clock(batch.clock, batch.received_s),
+            clock=settled_clock(SessionClock(batch.clock.recorded), batch, batch.received_s),
             opened_s=batch.received_s,
             profile_named=batch.named_profile is not None,
         )
@@ -269,16 +264,28 @@ class SessionRegistry:
         switched = replace(slot.record, profile=profile, profile_since_s=since_s)
         await self._ports.log.switch_profile(switched)
         slot.record = switched
-        try:
-            await session.switch(switched)
-        except Exception:
-            slot.live, slot.provisional = None, True
-            raise
+        await self._undoubted(slot, session.switch(switched))
         return True
+
+    async def _follow_clock(
+        self, slot: _Slot, session: DeviceSession, batch: IncomingBatch
+    ) -> bool:
+        """Let the session's clock be what this batch and all before it tell together.
+
+        Stored before the batch: what is acknowledged is timed by the same clock after a crash.
+        """
+        record = slot.record
+        clock = settled_clock(record.clock, batch, record.opened_s)
+        if clock == record.clock:
+            return False
+        settled = replace(record, clock=clock)
+        await self._ports.log.settle_clock(settled)
+        slot.record = settled
+        return await self._undoubted(slot, session.settle_clock(settled))
 
     async def _append(self, session: DeviceSession, batch: LoggedBatch) -> LoggedBatch:
         try:
-            stored = await self._ports.log.append(batch)
+            stored = await self._ports.log.append(batch, session.record.clock)
         except LogUnavailableError:
             session.mark_unconfirmed(batch.seq)
             raise
@@ -287,10 +294,14 @@ class SessionRegistry:
         return stored
 
     async def _fold(self, slot: _Slot, session: DeviceSession, batch: LoggedBatch) -> bool:
+        # Half a batch may be folded otherwise: what comes next would start from it.
+        return await self._undoubted(slot, session.take(batch))
+
+    async def _undoubted(self, slot: _Slot, fold: Awaitable[T]) -> T:
+        """Return what a fold comes to; if it breaks off, what comes next starts from the log."""
         try:
-            return await session.take(batch)
+            return await fold
         except Exception:
-            # Half a batch may be folded: what comes next starts from the log again.
             slot.live, slot.provisional = None, True
             raise
 

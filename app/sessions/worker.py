@@ -3,10 +3,11 @@
 import asyncio
 import math
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 
 from app.core.engine import Explanation, OrderKey, SessionState, order_key
 from app.core.params import Params
-from app.core.session import LoggedBatch, SessionRecord
+from app.core.session import LoggedBatch, SessionClock, SessionRecord, event_times
 from app.core.site import SiteModel
 from app.core.types import Observation, Output, TrackPoint
 from app.sessions.limits import SessionLimits
@@ -24,8 +25,9 @@ class DeviceSession:
     """The fold of one session; its device's mailbox calls it, one thing at a time.
 
     ``provisional`` says that the stored track may lack something that the log holds: observations
-    that came too late for the window, batches whose write was given up but may have landed, or
-    anything of that kind before a restart. `settle` then folds the entire log again.
+    that came too late for the window, batches whose write was given up but may have landed, a clock
+    that was settled after much was folded by another, or anything of that kind before a restart.
+    `settle` then folds the entire log again.
     """
 
     def __init__(
@@ -39,6 +41,10 @@ class DeviceSession:
         self._saved_s = -math.inf
         self._unconfirmed: set[int] = set()
         self._doubtful = False
+        # By which the window was folded; the record's is the one that counts.
+        self._clock = record.clock
+        # The log may hold observations by a monotonic clock that nobody has told yet.
+        self._waiting = False
 
     async def recover(self, *, provisional: bool) -> None:
         """Come back from the snapshot and the log after it."""
@@ -50,7 +56,8 @@ class DeviceSession:
         self._window = self._new_window(state)
         self._saved_s = _time_s(state)
         self._doubtful = provisional
-        todo, _ = self._window.sift(await self._sort_all(batches))
+        self._waiting = record.clock.mono_to_wall_s is None
+        todo, _ = self._window.sift(await self._sort_all(batches, record.clock))
         outputs = await self._fold_all(record, self._window, todo)
         self._replace_outputs(outputs)
 
@@ -61,8 +68,26 @@ class DeviceSession:
         """
         window = self._new_window(self._ports.fold.start())
         batches = await self._ports.log.read(record.session_id)
-        await self._fold_all(record, window, await self._sort_all(batches))
+        await self._fold_all(record, window, await self._sort_all(batches, record.clock))
         self.record, self._window, self._saved_s = record, window, -math.inf
+        self._clock = record.clock
+
+    async def settle_clock(self, record: SessionRecord) -> bool:
+        """Take on another clock; tell whether the state has changed.
+
+        While the window reaches back to the session's beginning, or if something waits for the
+        clock, all is folded again with it; later on, not before the session is settled.
+        """
+        self.record = record
+        if record.clock.keeps_times_of(self._clock):
+            return False
+        self._doubtful, self._saved_s = True, -math.inf
+        if self._waiting or self._window.checkpoint.last_key is None:
+            await self.settle()
+            return True
+        if self._clock.mono_to_wall_s is None:
+            self._clock = replace(self._clock, mono_to_wall_s=record.clock.mono_to_wall_s)
+        return False
 
     @property
     def folded_until_s(self) -> float | None:
@@ -104,7 +129,9 @@ class DeviceSession:
 
     async def take(self, batch: LoggedBatch) -> bool:
         """Fold a logged batch; tell whether the state has changed."""
-        fresh, late = self._window.sift(await self._sort_all([batch]))
+        fresh, late = self._window.sift(await self._sort_all([batch], self._clock))
+        if batch.monotonic_count and self._clock.mono_to_wall_s is None:
+            self._waiting = True
         self._doubtful = self._doubtful or late
         self._unconfirmed.discard(batch.seq)
         if not fresh:
@@ -122,15 +149,17 @@ class DeviceSession:
         if not self.provisional:
             return
         batches = await self._ports.log.read(self.record.session_id)
-        window = self._new_window(self._ports.fold.start())
-        outputs = await self._fold_all(self.record, window, await self._sort_all(batches))
-        self._window = window
+        window, clock = self._new_window(self._ports.fold.start()), self.record.clock
+        outputs = await self._fold_all(self.record, window, await self._sort_all(batches, clock))
+        self._window, self._clock = window, clock
         self._doubtful = False
+        self._waiting = self._waiting and clock.mono_to_wall_s is None
         self._replace_from(BEGINNING_S, outputs)
 
     async def finish(self) -> None:
         """Store the final track, smoothed over everything logged, and mark it as final."""
-        keyed = await self._sort_all(await self._ports.log.read(self.record.session_id))
+        batches = await self._ports.log.read(self.record.session_id)
+        keyed = await self._sort_all(batches, self.record.clock)
         observations = [k.observation for k in keyed]
         # A whole day may take seconds: in a thread, other phones are served meanwhile.
         world = self._world(self.record)
@@ -142,10 +171,12 @@ class DeviceSession:
         await self._ports.log.finish_session(self.record.session_id)
 
     async def snapshot(self) -> None:
-        """Save the checkpoint; the points up to it are with the track store already."""
-        checkpoint = self._window.checkpoint
-        if checkpoint.last_key is not None:
-            record = self.record
+        """Save the checkpoint; the points up to it are with the track store already.
+
+        Of a window that was folded by another clock than the session's there is none to save.
+        """
+        checkpoint, record = self._window.checkpoint, self.record
+        if checkpoint.last_key is not None and record.clock.keeps_times_of(self._clock):
             await self._ports.snapshots.save(record.session_id, record.profile, checkpoint)
             self._saved_s = _time_s(checkpoint)
 
@@ -162,11 +193,10 @@ class DeviceSession:
         points = [point for point in _points(outputs) if point.time_s >= from_s]
         self._ports.tracks.replace_from(self.record.session_id, from_s, points)
 
-    async def _sort_all(self, batches: Iterable[LoggedBatch]) -> list[Keyed]:
+    async def _sort_all(self, batches: Iterable[LoggedBatch], clock: SessionClock) -> list[Keyed]:
         """Return the batches' observations in order, each once."""
         keyed: dict[OrderKey, Observation] = {}
-        observations = (observation for batch in batches for observation in batch.observations)
-        for done, observation in enumerate(observations, start=1):
+        for done, observation in enumerate(event_times(batches, clock), start=1):
             keyed[order_key(observation)] = observation
             await self._give_way(done)
         return [Keyed(key, keyed[key]) for key in sorted(keyed)]

@@ -79,10 +79,11 @@ def erase_device(connection: Connection, device_id: str) -> None:
     connection.execute(delete(DEVICES).where(DEVICES.c.id == device_id))
 
 
-def sites_of_sessions(connection: Connection, device_id: str) -> dict[str, str]:
-    """Return the site of every session of a device."""
-    query = select(SESSIONS.c.id, SESSIONS.c.site_id).where(SESSIONS.c.device_id == device_id)
-    return {row.id: row.site_id for row in connection.execute(query)}
+def sessions_of_device(connection: Connection, device_id: str) -> dict[str, tuple[str, str]]:
+    """Return the site of every session of a device, and the phone's name for the session."""
+    query = select(SESSIONS.c.id, SESSIONS.c.site_id, SESSIONS.c.session)
+    rows = connection.execute(query.where(SESSIONS.c.device_id == device_id))
+    return {row.id: (row.site_id, row.session) for row in rows}
 
 
 def _devices() -> Select[tuple[object, ...]]:

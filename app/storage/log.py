@@ -1,18 +1,21 @@
 """The observation log: every acknowledged batch of every session, in the order of its arrival."""
 
-from collections.abc import Callable
+import asyncio
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import TypeVar
 
-from sqlalchemy import Connection, Row, Select, bindparam, delete, func, select, update
+from sqlalchemy import Connection, Row, RowMapping, Select, bindparam, delete, func, select, update
 
-from app.core.engine import event_time_s
+from app.core.engine import in_order
 from app.core.session import (
     LoggedBatch,
     LogUnavailableError,
     Rejection,
     SessionClock,
     SessionRecord,
+    event_time_s,
+    event_times,
 )
 from app.core.types import (
     Barometer,
@@ -31,6 +34,7 @@ from app.storage.tables import (
     OBSERVATION_BATCHES,
     QUARANTINED_SESSIONS,
     SESSIONS,
+    SNAPSHOTS,
 )
 from app.storage.upsert import Values, insert_new
 
@@ -77,7 +81,11 @@ class SqlObservationLog:
             lambda c: [session_record(row) for row in c.execute(query)]
         )
 
-    async def append(self, batch: LoggedBatch) -> LoggedBatch:
+    async def settle_clock(self, record: SessionRecord) -> None:
+        """Store the session's clock; if its event times are others now, forget the snapshot."""
+        await self._write(partial(_settle_clock, record))
+
+    async def append(self, batch: LoggedBatch, clock: SessionClock) -> LoggedBatch:
         """Make a batch durable and return it; of a known seq, return the stored batch.
 
         Raises
@@ -85,16 +93,29 @@ class SqlObservationLog:
         LogUnavailableError
             If it could not be made durable within the limit.
         """
-        known = await self._write(partial(_append, _batch_values(batch)))
+        known = await self._write(partial(_append, _batch_values(batch, clock)))
         return batch if known is None else known
 
     async def read(self, session_id: str, since_s: float | None = None) -> list[LoggedBatch]:
-        """Return the batches that reach to event time ``since_s`` or beyond (None: all)."""
-        query = _batches().where(OBSERVATION_BATCHES.c.session_id == session_id)
+        """Return the batches that reach to event time ``since_s`` or beyond (None: all).
+
+        Event times are those of the session's stored clock.
+        """
+        query = _batches_of(session_id)
         if since_s is not None:
             query = query.where(OBSERVATION_BATCHES.c.last_s >= since_s)
-        query = query.order_by(OBSERVATION_BATCHES.c.id)
         return await self._database.read(lambda c: [_batch(row) for row in c.execute(query)])
+
+    async def observations(self, session_id: str) -> list[Observation]:
+        """Return what a session has observed, in event time and in order, each once."""
+
+        def statement(connection: Connection) -> tuple[list[LoggedBatch], SessionClock]:
+            session = connection.execute(select(SESSIONS).where(SESSIONS.c.id == session_id))
+            batches = connection.execute(_batches_of(session_id))
+            return [_batch(row) for row in batches], session_record(session.one()).clock
+
+        batches, clock = await self._database.read(statement)
+        return await asyncio.to_thread(lambda: in_order(event_times(batches, clock)))
 
     async def finish_session(self, session_id: str) -> None:
         """Mark the session's final track as stored; it is of one profile."""
@@ -183,20 +204,26 @@ async def purge_observations(
 def _purge_imu_stride(before_s: float, connection: Connection) -> int:
     batches = OBSERVATION_BATCHES
     query = (
-        select(batches.c.id, batches.c.payload)
+        select(batches.c.id, batches.c.payload, batches.c.monotonic)
         .join(SESSIONS, SESSIONS.c.id == batches.c.session_id)
         .where(batches.c.has_imu, batches.c.received_s < before_s, SESSIONS.c.finished)
         .limit(PURGE_STRIDE)
     )
-    purged = [
-        {"row_id": row.id, **_content([o for o in decoded if not isinstance(o, ImuBlock)])}
-        for row in connection.execute(query)
-        for decoded in [OBSERVATIONS.decode(row.payload)]
-    ]
+    purged = [_without_imu(row) for row in connection.execute(query).mappings()]
     if purged:
         by_id = update(batches).where(batches.c.id == bindparam("row_id"))
         connection.execute(by_id, purged)
     return len(purged)
+
+
+def _without_imu(row: RowMapping) -> Values:
+    """Return what is left of a batch; the span of its event times stays as wide as it was."""
+    observations = OBSERVATIONS.decode(row["payload"])
+    kept = [i for i, o in enumerate(observations) if not isinstance(o, ImuBlock)]
+    flags = row["monotonic"]
+    monotonic = flags and bytes(flags[i] for i in kept)
+    payload = OBSERVATIONS.encode([observations[i] for i in kept])
+    return {"row_id": row["id"], "payload": payload, "monotonic": monotonic, "has_imu": False}
 
 
 def _remove_stride(stride: Select[tuple[int]], connection: Connection) -> int:
@@ -206,7 +233,7 @@ def _remove_stride(stride: Select[tuple[int]], connection: Connection) -> int:
 
 def _empty_stride(stride: Select[tuple[int]], connection: Connection) -> int:
     emptied = update(OBSERVATION_BATCHES).where(OBSERVATION_BATCHES.c.id.in_(stride))
-    return connection.execute(emptied.values(_content([]))).rowcount
+    return connection.execute(emptied.values({**_content(()), **_span(())})).rowcount
 
 
 def _open_session(record: SessionRecord, connection: Connection) -> SessionRecord:
@@ -233,7 +260,28 @@ def _append(values: Values, connection: Connection) -> LoggedBatch | None:
     return _batch(connection.execute(query).one())
 
 
-def _batch_values(batch: LoggedBatch) -> Values:
+def _settle_clock(record: SessionRecord, connection: Connection) -> None:
+    query = select(SESSIONS).where(SESSIONS.c.id == record.session_id)
+    before = session_record(connection.execute(query).one()).clock
+    settle = update(SESSIONS).where(SESSIONS.c.id == record.session_id)
+    connection.execute(settle.values(_clock_values(record.clock)))
+    if not record.clock.keeps_times_of(before):
+        _span_anew(record, connection)
+        snapshot = delete(SNAPSHOTS).where(SNAPSHOTS.c.session_id == record.session_id)
+        connection.execute(snapshot)
+
+
+def _span_anew(record: SessionRecord, connection: Connection) -> None:
+    for row in connection.execute(_batches_of(record.session_id)).all():
+        span = _span(tuple(event_times([_batch(row)], record.clock)))
+        batches = OBSERVATION_BATCHES
+        by_seq = update(batches).where(
+            batches.c.session_id == record.session_id, batches.c.seq == row.seq
+        )
+        connection.execute(by_seq.values(span))
+
+
+def _batch_values(batch: LoggedBatch, clock: SessionClock) -> Values:
     return {
         "session_id": batch.session_id,
         "seq": batch.seq,
@@ -241,23 +289,38 @@ def _batch_values(batch: LoggedBatch) -> Values:
         "received_s": batch.received_s,
         "rejected": _REJECTIONS.encode(batch.rejected),
         "ignored": batch.ignored,
-        **_content(batch.observations),
+        **_content(batch.observations, batch.monotonic),
+        **_span(tuple(event_times([batch], clock))),
     }
 
 
-def _content(observations: tuple[Observation, ...] | list[Observation]) -> dict[str, object]:
-    """Return the columns that depend on what a batch holds."""
+def _content(
+    observations: Sequence[Observation], monotonic: tuple[bool, ...] | None = ()
+) -> Values:
+    """Return the columns that hold what a batch holds."""
+    return {
+        "has_imu": any(isinstance(o, ImuBlock) for o in observations),
+        "payload": OBSERVATIONS.encode(observations),
+        "monotonic": None if monotonic is None else bytes(monotonic),
+    }
+
+
+def _span(observations: Sequence[Observation]) -> Values:
+    """Return the columns of the span that observations in event time speak of."""
     return {
         "first_s": min((o.time_s for o in observations), default=None),
         "last_s": max((event_time_s(o) for o in observations), default=None),
-        "has_imu": any(isinstance(o, ImuBlock) for o in observations),
-        "payload": OBSERVATIONS.encode(observations),
     }
+
+
+def _batches_of(session_id: str) -> Select[tuple[object, ...]]:
+    batches = OBSERVATION_BATCHES
+    return _batches().where(batches.c.session_id == session_id).order_by(batches.c.id)
 
 
 def _batches() -> Select[tuple[object, ...]]:
     names = ("session_id", "seq", "digest", "received_s", "payload", "rejected", "ignored")
-    return select(*(OBSERVATION_BATCHES.c[name] for name in names))
+    return select(*(OBSERVATION_BATCHES.c[name] for name in (*names, "monotonic")))
 
 
 def _batch(row: Row[tuple[object, ...]]) -> LoggedBatch:
@@ -269,7 +332,19 @@ def _batch(row: Row[tuple[object, ...]]) -> LoggedBatch:
         observations=OBSERVATIONS.decode(row.payload),
         rejected=_REJECTIONS.decode(row.rejected),
         ignored=row.ignored,
+        monotonic=None if row.monotonic is None else tuple(map(bool, row.monotonic)),
     )
+
+
+def _clock_values(clock: SessionClock) -> Values:
+    return {
+        "clock_recorded": clock.recorded,
+        "clock_ahead_s": clock.ahead_s,
+        "clock_mono_ahead_s": clock.mono_ahead_s,
+        "clock_mono_to_wall_s": clock.mono_to_wall_s,
+        "clock_mono_seq": clock.mono_seq,
+        "clock_boot_id": clock.boot_id,
+    }
 
 
 def _values(record: SessionRecord) -> Values:
@@ -281,12 +356,9 @@ def _values(record: SessionRecord) -> Values:
         "profile": record.profile,
         "profile_named": record.profile_named,
         "profile_since_s": record.profile_since_s,
-        "clock_recorded": record.clock.recorded,
-        "clock_offset_s": record.clock.offset_s,
-        "clock_mono_to_wall_s": record.clock.mono_to_wall_s,
-        "clock_boot_id": record.clock.boot_id,
         "opened_s": record.opened_s,
         "finished": record.finished,
+        **_clock_values(record.clock),
     }
 
 
@@ -300,8 +372,10 @@ def session_record(row: Row[tuple[object, ...]]) -> SessionRecord:
         profile=row.profile,
         clock=SessionClock(
             recorded=row.clock_recorded,
-            offset_s=row.clock_offset_s,
+            ahead_s=row.clock_ahead_s,
+            mono_ahead_s=row.clock_mono_ahead_s,
             mono_to_wall_s=row.clock_mono_to_wall_s,
+            mono_seq=row.clock_mono_seq,
             boot_id=row.clock_boot_id,
         ),
         opened_s=row.opened_s,

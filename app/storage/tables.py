@@ -298,11 +298,15 @@ SESSIONS = Table(
     # Event time since which the profile is on; NULL: always.
     Column("profile_since_s", EXACT_FLOAT),
     Column("clock_recorded", Boolean, nullable=False),
-    Column("clock_offset_s", Double, nullable=False),
     Column("clock_mono_to_wall_s", Double),
     Column("clock_boot_id", String),
     Column("opened_s", Double, nullable=False),
     Column("finished", Boolean, nullable=False, server_default=text("false")),
+    # How far the server is ahead of the phone's wall and monotonic clocks; NULL: not told.
+    Column("clock_ahead_s", Double),
+    Column("clock_mono_ahead_s", Double),
+    # Of the batch that told clock_mono_to_wall_s; -1: it was frozen by an earlier release.
+    Column("clock_mono_seq", BigInteger),
     UniqueConstraint("device_id", "session"),
 )
 
@@ -329,6 +333,9 @@ OBSERVATION_BATCHES = Table(
     Column("payload", LargeBinary, nullable=False),
     Column("rejected", LargeBinary, nullable=False),
     Column("ignored", Integer, nullable=False),
+    # For each observation whether the monotonic clock timed it, a byte each; empty: none. NULL: the
+    # payload is in event time, as an earlier release wrote it.
+    Column("monotonic", LargeBinary),
     UniqueConstraint("session_id", "seq"),
     Index("ix_observation_batches_session_id_last_s", "session_id", "last_s"),
     Index("ix_observation_batches_received_s", "received_s"),

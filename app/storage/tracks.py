@@ -25,11 +25,16 @@ TrackCursor: TypeAlias = tuple[int, str]
 
 @dataclass(frozen=True, slots=True)
 class StoredPoint:
-    """A track point with the device and the session it belongs to."""
+    """A track point with the device and the session it belongs to.
+
+    ``smoothed`` says that the session is over and its track final: of all that it told, what came
+    after the point too.
+    """
 
     device_id: str
     session_id: str
     point: TrackPoint
+    smoothed: bool = False
 
     @property
     def cursor(self) -> TrackCursor:
@@ -184,7 +189,8 @@ def _replace_from(
 
 
 def _points(*more: object) -> Select[tuple[object, ...]]:
-    return select(SESSIONS.c.device_id, *TRACK_POINTS.c, *more).join_from(TRACK_POINTS, SESSIONS)
+    of_session = (SESSIONS.c.device_id, SESSIONS.c.finished)
+    return select(*of_session, *TRACK_POINTS.c, *more).join_from(TRACK_POINTS, SESSIONS)
 
 
 def _values(session_id: str, point: TrackPoint) -> Values:
@@ -232,4 +238,4 @@ def _stored_point(row: Row[tuple[object, ...]]) -> StoredPoint:
         profile=row.profile,
         zones=tuple(row.zones),
     )
-    return StoredPoint(row.device_id, row.session_id, point)
+    return StoredPoint(row.device_id, row.session_id, point, row.finished)

@@ -1,5 +1,7 @@
 """Records that are rejected, each with its code and pointer, and odd ones that are taken."""
 
+import json
+import math
 from typing import Any
 
 from api_server import NOW_S, UUID, ble_record
@@ -47,6 +49,11 @@ def truth(**fields: object) -> dict[str, Any]:
     return {"k": "truth", "t_ms": NOW_MS, "x": 1.0, "y": 2.0, "floor_id": "lab-0", **fields}
 
 
+def raw(record: object) -> bytes:
+    """Return a record as most serialisers write it: NaN and Infinity as they are."""
+    return json.dumps(record).encode()
+
+
 # name, record, code, pointer inside the record
 REJECTED: list[tuple[str, object, str, str]] = [
     ("a number", 5, "wrong_type", ""),
@@ -70,8 +77,14 @@ REJECTED: list[tuple[str, object, str, str]] = [
         "in_future",
         "",
     ),
-    ("monotonic time without a clock", {**without(GOOD, "t_ms"), "mono_ms": 5000}, "no_clock", ""),
     ("monotonic time is text", {**GOOD, "mono_ms": "5000"}, "wrong_type", "/mono_ms"),
+    # NaN and Infinity, which are no JSON.
+    ("NaN as time", raw({**GOOD, "t_ms": math.nan}), "wrong_type", "/t_ms"),
+    ("Infinity as time", raw({**GOOD, "t_ms": math.inf}), "wrong_type", "/t_ms"),
+    ("minus Infinity as time", raw({**GOOD, "t_ms": -math.inf}), "wrong_type", "/t_ms"),
+    ("NaN as heading", raw(step(heading_deg=math.nan)), "wrong_type", "/heading_deg"),
+    ("NaN as sample", raw(imu(acc=[[0, 0, 9.8], [0, math.nan, 9.8]])), "wrong_type", "/acc/1/1"),
+    ("NaN in place of a record", b"NaN", "wrong_type", ""),
     # Wi-Fi.
     ("no aps", {"k": "wifi", "t_ms": NOW_MS}, "missing_field", "/aps"),
     ("aps is an object", {"k": "wifi", "t_ms": NOW_MS, "aps": {}}, "wrong_type", "/aps"),

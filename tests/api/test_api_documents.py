@@ -153,6 +153,7 @@ def test_the_docs_name_the_routes_that_there_are(document: dict[str, Any]) -> No
 @pytest.mark.anyio
 async def test_the_examples_of_openapi_are_taken_one_after_the_other(server: ApiServer) -> None:
     ids = {"site_id": "hall", "floor_id": "hall-0", "beacon_id": "entrance", "device_id": "phone-7"}
+    ids["feature_id"] = "meeting-room"
     async with server.client("admin") as client:
         truth = {"k": "truth", "t_ms": NOW_S * 1000.0, "floor_id": "lab-0", "x": 6.0, "y": 4.0}
         walked = batch(ble_record(6.0, 4.0, NOW_S * 1000.0), truth, site="lab")

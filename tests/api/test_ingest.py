@@ -90,6 +90,28 @@ async def test_monotonic_times_are_mapped_by_the_first_batch(server: ApiServer) 
     assert answer["fix"]["time"] == "2026-11-22T02:20:00.000Z"
 
 
+async def test_monotonic_times_wait_for_the_batch_that_tells_the_clock(server: ApiServer) -> None:
+    record = ble_record(6.0, 4.0, 0)
+    del record["t_ms"]
+    clock = {"sent_ms": NOW_MS, "mono_ms": 5_000_000.0}
+    async with server.client("phone-7") as client:
+        body = batch({**record, "mono_ms": 4_999_500.0}, seq=1)
+        first = (await client.post("/v1/ingest", json=body)).json()
+        assert (first["accepted"], first["waiting"], first["rejected"]) == (1, 1, [])
+        assert (first["fix"], first["no_fix"]["reason"]) == (None, "nothing_observed")
+        body = batch({**record, "mono_ms": 4_999_000.0}, clock=clock)
+        answer = (await client.post("/v1/ingest", json=body)).json()
+        assert (answer["accepted"], answer["waiting"]) == (1, 0)
+        assert answer["fix"]["time"] == "2026-11-22T02:20:00.500Z"
+        body = batch({**record, "mono_ms": 5000}, session="walk-2")
+        assert (await client.post("/v1/ingest", json=body)).json()["waiting"] == 1
+        server.clock.time_s += 61
+        body = batch({**record, "mono_ms": 6000}, session="walk-2", seq=1)
+        told = (await client.post("/v1/ingest", json=body)).json()
+    assert (told["accepted"], told["waiting"]) == (0, 0)
+    assert [(r["i"], r["code"]) for r in told["rejected"]] == [(0, "no_clock")]
+
+
 async def test_a_phone_clock_that_is_wrong_is_set_right(server: ApiServer) -> None:
     hour_ms = 3_600_000.0
     body = batch(ble_record(6.0, 4.0, NOW_MS - hour_ms), clock={"sent_ms": NOW_MS - hour_ms})

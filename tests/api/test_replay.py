@@ -63,6 +63,39 @@ async def test_a_replay_is_the_track_that_is_stored_at_the_end(server: ApiServer
     assert before == await replayed(server, session="walk-1") == stored
 
 
+async def test_a_track_tells_whether_it_is_causal_or_smoothed(server: ApiServer) -> None:
+    """Smoothed once its session is over; causal again when the phone comes back to it."""
+
+    async def kinds() -> list[tuple[str, str]]:
+        async with server.client("viewer") as viewer:
+            reply = (await viewer.get("/v1/devices/phone-7/track")).json()
+            text = await viewer.get("/v1/devices/phone-7/track", headers={"Accept": "text/csv"})
+        rows = [row.split(",") for row in text.text.splitlines()]
+        assert {row[rows[0].index("kind")] for row in rows[1:]} == {
+            session["kind"] for session in reply["sessions"]
+        }
+        times = [item["time"] for item in reply["items"]]
+        assert (reply["sessions"][0]["first"], reply["sessions"][-1]["last"]) == (
+            times[0],
+            times[-1],
+        )
+        assert sum(session["points"] for session in reply["sessions"]) == len(times)
+        return [(session["session"], session["kind"]) for session in reply["sessions"]]
+
+    await walk(server)
+    assert await kinds() == [("walk-1", "causal")]
+    await end_sessions(server)
+    assert await kinds() == [("walk-1", "smoothed")]
+    async with server.client("viewer") as viewer:
+        (told,) = (await viewer.post(REPLAY, json={})).json()["sessions"]
+    assert (told["session"], told["kind"], told["points"]) == ("walk-1", "smoothed", SECONDS)
+    async with server.client("phone-7") as phone:
+        more = ble_record(6.0, 4.0, (NOW_S + SECONDS) * 1000.0)
+        reply = await phone.post("/v1/ingest", json=batch(more, seq=SECONDS))
+    assert reply.status_code == 200, reply.text
+    assert await kinds() == [("walk-1", "causal")]
+
+
 async def test_another_profile_tells_another_track_and_changes_nothing(
     server: ApiServer, other: str
 ) -> None:

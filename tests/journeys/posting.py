@@ -4,7 +4,7 @@ import gzip
 import json
 import math
 import threading
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any
 
 import httpx
@@ -16,6 +16,9 @@ from app.formats.ingest_body import ingest_body
 
 Batch = tuple[int, bytes]
 """A sequence number and the body that is sent under it, always the same bytes."""
+
+BOOTED_MS = 1_763_760_000_123
+"""When the phone's monotonic clock began to count."""
 
 
 def header(device_id: str, site_id: str) -> dict[str, Any]:
@@ -43,6 +46,27 @@ def numbered(shared: dict[str, Any], groups: Sequence[Sequence[Observation]]) ->
     return [(seq, ingest_body(shared, seq, group)) for seq, group in enumerate(groups)]
 
 
+def by_monotonic_clock(
+    shared: dict[str, Any], batches: Sequence[Batch], tell_clocks: Collection[int]
+) -> list[Batch]:
+    """Return the batches timed by the phone's monotonic clock, of which those of some seqs tell.
+
+    Between its two readings a few milliseconds pass, as many as the seq is; none in the first.
+    """
+    timed = []
+    for seq, body in batches:
+        document = json.loads(body)
+        for record in document["records"]:
+            for name in ("t_ms", "t0_ms", "t1_ms"):
+                if name in record:
+                    own_ms = round(record.pop(name) - BOOTED_MS, 3)
+                    record[name.replace("t", "mono", 1)] = own_ms
+        told = {"sent_ms": BOOTED_MS + 1e6 + seq, "mono_ms": 1e6} if seq in tell_clocks else {}
+        document["clock"] = {**shared["clock"], **told}
+        timed.append((seq, json.dumps(document).encode()))
+    return timed
+
+
 def neighbours_swapped(batches: Sequence[Batch]) -> list[Batch]:
     swapped = list(batches)
     for i in range(0, len(swapped) - 1, 2):
@@ -68,12 +92,14 @@ def post_over_websocket(server: ServerProcess, batches: Sequence[Batch]) -> None
             assert (frame["op"], frame["seq"]) == ("ack", seq), frame
 
 
-def post_through_a_crash(server: ServerProcess, batches: Sequence[Batch]) -> None:
+def post_through_a_crash(
+    server: ServerProcess, batches: Sequence[Batch], middle: int | None = None
+) -> None:
     """Post; in the middle kill the server while a batch is on its way, start it, go on from there.
 
     The batch on its way was not acknowledged (or the phone did not hear it): it is sent again.
     """
-    middle = len(batches) // 2
+    middle = len(batches) // 2 if middle is None else middle
     with server.client() as client:
         for batch in batches[:middle]:
             post(client, batch)

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from posting import (
+    by_monotonic_clock,
     by_second,
     header,
     in_chunks,
@@ -21,6 +22,7 @@ from app.core.types import Observation
 WAYS = (
     *("over_websocket", "in_small_batches", "in_large_batches", "each_batch_twice"),
     *("neighbours_swapped", "through_a_crash"),
+    *("monotonic_neighbours_swapped", "clock_told_once_second_through_a_crash"),
 )
 
 
@@ -47,9 +49,17 @@ def track_posted(
         post_over_websocket(server, batches)
     elif way == "through_a_crash":
         post_through_a_crash(server, batches)
+    elif way == "clock_told_once_second_through_a_crash":
+        batches = by_monotonic_clock(header(way, site_id), batches, tell_clocks=[0])
+        # What waits for the clock is acknowledged, then the server is killed.
+        post_through_a_crash(server, [batches[1], batches[0], *batches[2:]], middle=1)
     else:
+        if way == "monotonic_neighbours_swapped":
+            seqs = range(len(batches))
+            batches = by_monotonic_clock(header(way, site_id), batches, tell_clocks=seqs)
         with server.client() as client:
-            for batch in neighbours_swapped(batches) if way == "neighbours_swapped" else batches:
+            swapped = way.endswith("neighbours_swapped")
+            for batch in neighbours_swapped(batches) if swapped else batches:
                 post(client, batch)
                 if way == "each_batch_twice":
                     assert post(client, batch)["duplicate"]

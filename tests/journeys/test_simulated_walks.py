@@ -168,10 +168,9 @@ async def _fold_log(database_url: str, device_id: str, session: str) -> list[Tra
         (session_id,) = (
             r.session_id for r in sessions if (r.device_id, r.session) == (device_id, session)
         )
-        logged = await log.read(session_id)
+        observations = await log.observations(session_id)
     finally:
         await database.close()
-    observations = sorted((o for b in logged for o in b.observations), key=engine.order_key)
     state, outputs = engine.start(), []
     for observation in observations:
         state, told = engine.advance(state, observation, site, Params())

@@ -49,7 +49,7 @@ async def _walk(log: SqlObservationLog, tracks: SqlTrackStore, site_id: str) -> 
     await log.open_session(record)
     for seq, days in enumerate(AGES_DAYS):
         time_s = NOW_S - days * DAY_S
-        await log.append(LoggedBatch(site_id, seq, b"", time_s, (BleScan(time_s, ()),)))
+        await log.append(LoggedBatch(site_id, seq, b"", time_s, (BleScan(time_s, ()),)), clock)
         tracks.write(site_id, [replace(POINT, time_s=time_s)])
     await log.finish_session(site_id)
 

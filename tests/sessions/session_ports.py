@@ -6,9 +6,17 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
-from app.core.engine import OrderKey, SessionState, event_time_s, order_key
+from app.core.engine import SessionState, in_order, order_key
 from app.core.params import Params
-from app.core.session import LastPoint, LoggedBatch, LogUnavailableError, SessionRecord
+from app.core.session import (
+    LastPoint,
+    LoggedBatch,
+    LogUnavailableError,
+    SessionClock,
+    SessionRecord,
+    event_time_s,
+    event_times,
+)
 from app.core.site import Floor, SiteModel
 from app.core.types import (
     Method,
@@ -106,9 +114,8 @@ def straight_track(
 ) -> list[TrackPoint]:
     """Return the track of observations folded in order, without any session around it."""
     state, outputs, params = fold.start(), [], replace(PARAMS, profile=profile)
-    keyed: dict[OrderKey, Observation] = {order_key(o): o for o in observations}
-    for key in sorted(keyed):
-        state, more = fold.advance(state, keyed[key], SITE, params)
+    for observation in in_order(observations):
+        state, more = fold.advance(state, observation, SITE, params)
         outputs += more
     outputs += fold.finish(state, SITE, params)
     by_time = {o.time_s: o for o in outputs if isinstance(o, TrackPoint)}
@@ -148,6 +155,7 @@ class MemoryLog:
 
     sessions: dict[tuple[str, str], SessionRecord] = field(default_factory=dict)
     batches: dict[str, dict[int, LoggedBatch]] = field(default_factory=dict)
+    snapshots: dict[str, tuple[str, SessionState]] = field(default_factory=dict)
     refusing: bool = False
     refusing_after_commit: bool = False
     dying_after_commit: bool = False
@@ -161,7 +169,14 @@ class MemoryLog:
     async def unfinished_sessions(self) -> list[SessionRecord]:
         return [r for r in self.sessions.values() if not r.finished]
 
-    async def append(self, batch: LoggedBatch) -> LoggedBatch:
+    async def settle_clock(self, record: SessionRecord) -> None:
+        key = record.device_id, record.session
+        before = self.sessions[key].clock
+        self.sessions[key] = replace(self.sessions[key], clock=record.clock)
+        if not record.clock.keeps_times_of(before):
+            self.snapshots.pop(record.session_id, None)
+
+    async def append(self, batch: LoggedBatch, clock: SessionClock) -> LoggedBatch:
         for _ in range(self.turns(batch)):
             await asyncio.sleep(0)
         if self.gate is not None:
@@ -179,8 +194,14 @@ class MemoryLog:
     async def read(self, session_id: str, since_s: float | None = None) -> list[LoggedBatch]:
         self.reads += 1
         batches = self.batches.get(session_id, {}).values()
-        since_s = -math.inf if since_s is None else since_s
-        return [b for b in batches if any(event_time_s(o) >= since_s for o in b.observations)]
+        if since_s is None:
+            return list(batches)
+        clocks = {record.session_id: record.clock for record in self.sessions.values()}
+        return [
+            batch
+            for batch in batches
+            if any(event_time_s(o) >= since_s for o in event_times([batch], clocks[session_id]))
+        ]
 
     async def finish_session(self, session_id: str) -> None:
         self._set_finished(session_id, finished=True)
@@ -275,6 +296,7 @@ class Server:
 
     def __post_init__(self) -> None:
         self.history.sessions = self.log.sessions
+        self.log.snapshots = self.history.snapshots
         self.registry = self._process()
 
     def _process(self) -> SessionRegistry:

@@ -11,7 +11,7 @@ from sqlalchemy import insert
 
 from app.core import engine
 from app.core.params import Params
-from app.core.session import LoggedBatch
+from app.core.session import LoggedBatch, SessionClock, event_times
 from app.core.simulate import SimulatedWalk, Warehouse, walk, warehouse
 from app.core.site import SiteModel
 from app.core.types import ImuBlock, Observation, Pedometer, Steps, TrackPoint
@@ -176,8 +176,8 @@ async def test_deaths_between_log_and_fold_change_nothing(database: Database) ->
 async def _die_between_log_and_fold(process: Process, batch: IncomingBatch) -> None:
     append = process.log.append
 
-    async def append_and_die(logged: LoggedBatch) -> LoggedBatch:
-        await append(logged)
+    async def append_and_die(logged: LoggedBatch, clock: SessionClock) -> LoggedBatch:
+        await append(logged, clock)
         raise ConnectionResetError
 
     process.log.append = append_and_die  # type: ignore[method-assign]
@@ -220,7 +220,7 @@ async def test_a_pedometer_interval_posted_live_at_its_end_is_in_time(database: 
     # Nothing was too late for the window: nobody settles, and the track is that of the sorted log.
     (pending,) = process.registry.pending_points("phone").values()
     batches = await process.log.read(replies[0].session_id)
-    logged = [o for batch in batches for o in batch.observations]
+    logged = list(event_times(batches, SessionClock()))
     points = {p.time_s: p for p in (*await _stored(database), *pending)}
     assert [points[t] for t in sorted(points)] == _straight(logged)
 

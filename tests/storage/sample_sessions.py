@@ -16,6 +16,10 @@ from app.core.types import (
     WifiScan,
 )
 
+CLOCK = SessionClock(
+    True, ahead_s=-0.1, mono_ahead_s=0.1, mono_to_wall_s=1e9 / 3, mono_seq=2**40, boot_id="b"
+)
+
 
 def session_record(
     session_id: str = "s-1", device_id: str = "phone-1", opened_s: float = 100.0
@@ -26,7 +30,7 @@ def session_record(
         session=f"run of {session_id}",
         site_id="site-1",
         profile="best",
-        clock=SessionClock(recorded=True, offset_s=-0.1, mono_to_wall_s=1e9 / 3, boot_id="b"),
+        clock=CLOCK,
         opened_s=opened_s,
     )
 

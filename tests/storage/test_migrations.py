@@ -1,3 +1,4 @@
+import asyncio
 import shutil
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -5,13 +6,18 @@ from pathlib import Path
 import pytest
 from alembic.autogenerate import compare_metadata
 from alembic.runtime.migration import MigrationContext
-from sqlalchemy import inspect
+from sample_sessions import wifi_scan
+from sqlalchemy import inspect, text
 
+from app.core.session import SessionRecord
+from app.core.types import Observation
 from app.storage import migrate
+from app.storage.database import Database
 from app.storage.engines import migrating_engine
+from app.storage.log import OBSERVATIONS, SqlObservationLog
 from app.storage.tables import METADATA
 
-HEAD = "0007"
+HEAD = "0008"
 
 
 @pytest.fixture(params=["sqlite", pytest.param("postgres", marks=pytest.mark.postgres)])
@@ -63,3 +69,39 @@ def test_scripts_are_found_in_an_installed_wheel(tmp_path: Path, monkeypatch: py
     assert migrate.scripts_folder() == package / "migrations_bundle"
     migrate.upgrade(f"sqlite:///{tmp_path / 'new.db'}")
     assert migrate.current(f"sqlite:///{tmp_path / 'new.db'}") == HEAD
+
+
+def test_sessions_of_an_earlier_release_keep_their_event_times(empty_url: str):
+    migrate.upgrade(empty_url, "0007")
+    engine = migrating_engine(empty_url)
+    payload = OBSERVATIONS.encode([wifi_scan(10.0)])
+    with engine.begin() as connection:
+        connection.execute(text("INSERT INTO sites (id, name, created_s) VALUES ('a', 'A', 0)"))
+        connection.execute(text("INSERT INTO devices (id, site_id) VALUES ('p', 'a')"))
+        session = (
+            "INSERT INTO sessions (id, device_id, session, site_id, profile, clock_recorded, "
+            "clock_offset_s, clock_mono_to_wall_s, opened_s) "
+            "VALUES ('s', 'p', 'walk', 'a', 'best', false, 60.0, 7.0, 5.0)"
+        )
+        connection.execute(text(session))
+        batch = (
+            "INSERT INTO observation_batches (session_id, seq, digest, received_s, first_s, "
+            "last_s, has_imu, payload, rejected, ignored) "
+            "VALUES ('s', 0, :payload, 5.0, 10.0, 10.0, false, :payload, :nothing, 0)"
+        )
+        connection.execute(text(batch), {"nothing": OBSERVATIONS.encode([]), "payload": payload})
+    engine.dispose()
+    migrate.upgrade(empty_url)
+
+    async def read() -> tuple[SessionRecord, list[Observation]]:
+        database = Database(empty_url)
+        log = SqlObservationLog(database)
+        (record,) = await log.unfinished_sessions()
+        observations = await log.observations("s")
+        await database.close()
+        return record, observations
+
+    record, observations = asyncio.run(read())
+    assert observations == [wifi_scan(10.0)]
+    assert (record.clock.offset_s, record.clock.mono_to_wall_s) == (60.0, 7.0)
+    assert record.clock.mono_seq == -1, "no batch's clock takes its place"

@@ -2,7 +2,7 @@
 
 from app.core.engine.explaining import explained
 from app.core.engine.explanation import Explanation
-from app.core.engine.order import OrderKey, event_time_s, order_key
+from app.core.engine.order import OrderKey, in_order, order_key
 from app.core.engine.pipeline import advance, finish
 from app.core.engine.profiles import PROFILES, Profile
 from app.core.engine.smoothing import smoothed
@@ -16,9 +16,9 @@ __all__ = [
     "Profile",
     "SessionState",
     "advance",
-    "event_time_s",
     "explained",
     "finish",
+    "in_order",
     "order_key",
     "smoothed",
     "start",

@@ -2,6 +2,7 @@
 
 import hashlib
 from array import array
+from collections.abc import Iterable
 from typing import TypeAlias
 
 from app.core.types import (
@@ -37,11 +38,10 @@ def order_key(observation: Observation) -> OrderKey:
     return (observation.time_s, _RANK[type(observation)], _digest(observation))
 
 
-def event_time_s(observation: Observation) -> float:
-    """Return the time of the last instant that the observation speaks of."""
-    if isinstance(observation, ImuBlock):
-        return observation.time_s + (len(observation.acc_mps2) - 1) / observation.rate_hz
-    return observation.time_s
+def in_order(observations: Iterable[Observation]) -> list[Observation]:
+    """Return observations as they are folded: in order, each once."""
+    by_key = {order_key(observation): observation for observation in observations}
+    return [by_key[key] for key in sorted(by_key)]
 
 
 def _digest(observation: Observation) -> bytes:

@@ -2,13 +2,14 @@
 
 import math
 
-from app.core.engine.order import event_time_s, order_key
+from app.core.engine.order import order_key
 from app.core.engine.profiles import PROFILES
 from app.core.engine.report import report
 from app.core.engine.state import Evidence, SessionState, Told, changed
 from app.core.engine.walking import take_strides
 from app.core.motion.mode import decided
 from app.core.params import Params
+from app.core.session import event_time_s
 from app.core.site import SiteModel
 from app.core.types import BleScan, Method, Observation, Output, WifiScan
 
