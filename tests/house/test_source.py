@@ -35,7 +35,17 @@ UNITLESS_WORDS = frozenset(
 # Pure numbers under other names, each explained where it is declared; covariances by their axes.
 UNITLESS = frozenset(
     {
-        *("softness", "clutter", "tempering", "memory", "shrinkage", "ridge", "trust", "total"),
+        *(
+            "softness",
+            "clutter",
+            "concentration",
+            "tempering",
+            "memory",
+            "shrinkage",
+            "ridge",
+            "trust",
+            "total",
+        ),
         *("noise_spread", "scale_prior", "scale_walk", "vote_floor", "nis"),
         *("lean", "excess", "residual", "map_residual", "heard", "expected"),
         *("transmitters_per_scan", "xx", "xy", "yy"),
