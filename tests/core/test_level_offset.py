@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from app.core.fingerprint.level_offset import LevelOffset, first_offset, learned, without_offset
-from app.core.fingerprint.matching import match
+from app.core.fingerprint.heard import heard_in
+from app.core.fingerprint.level_offset import LevelOffset, first_offset, learned
+from app.core.fingerprint.matching import match, match_heard
 from app.core.fingerprint.query import Query
 from app.core.fingerprint.radio_map import Fingerprint, build_radio_map
 from app.core.params import LevelOffsetParams, MatchParams
@@ -34,14 +35,14 @@ def follow(radio_map, offset_db, scans=12):
     for i in range(scans):
         x_m, y_m = 5.0 + 2.5 * i, 15.0
         heard = {k: v + offset_db for k, v in levels_at(x_m, y_m, rng).items()}
-        query = Query(heard, {})
-        offset = offset or first_offset(query, radio_map, MATCHING, PARAMS)
-        query = without_offset(query, offset.mean_db)
-        matches = match(query, radio_map, MATCHING)
+        told = heard_in(Query(heard, {}), radio_map)
+        offset = offset or first_offset(told, radio_map, MATCHING, PARAMS)
+        told = told.less(offset.mean_db)
+        matches = match_heard(told, radio_map, MATCHING)
         errors_m.append(
             np.hypot(matches.weight @ matches.x_m - x_m, matches.weight @ matches.y_m - y_m)
         )
-        offset = learned(offset, query, matches, radio_map, PARAMS)
+        offset = learned(offset, told, matches, radio_map, PARAMS)
     return offset, float(np.mean(errors_m))
 
 
@@ -73,17 +74,19 @@ def test_few_or_weak_transmitters_tell_nothing(radio_map):
         Query({key: min(level, PARAMS.least_dbm - 1.0) for key, level in heard.items()}, {}),
         Query({f"stranger{i}": -50.0 for i in range(9)} | {"ap4": -60.0}, {}),
     ):
-        matches = match(query, radio_map, MATCHING)
+        told = heard_in(query, radio_map)
+        matches = match_heard(told, radio_map, MATCHING)
         assert matches is not None
-        assert learned(known, query, matches, radio_map, PARAMS) == known
+        assert learned(known, told, matches, radio_map, PARAMS) == known
 
 
 def test_the_order_of_readings_is_irrelevant(radio_map):
     heard = levels_at(12.0, 9.0, np.random.default_rng(4))
-    one, other = Query(heard, {}), Query(dict(reversed(heard.items())), {})
+    one = heard_in(Query(heard, {}), radio_map)
+    other = heard_in(Query(dict(reversed(heard.items())), {}), radio_map)
     start = first_offset(one, radio_map, MATCHING, PARAMS)
     assert start == first_offset(other, radio_map, MATCHING, PARAMS)
-    matches = match(one, radio_map, MATCHING)
+    matches = match_heard(one, radio_map, MATCHING)
     assert learned(start, one, matches, radio_map, PARAMS) == learned(
         start, other, matches, radio_map, PARAMS
     )

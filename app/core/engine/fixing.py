@@ -7,13 +7,9 @@ import numpy as np
 
 from app.core.engine.standing import ground_of
 from app.core.engine.state import SessionState, changed
-from app.core.fingerprint.level_offset import (
-    LevelOffset,
-    first_offset,
-    learned,
-    without_offset,
-)
-from app.core.fingerprint.matching import match
+from app.core.fingerprint.heard import Heard, heard_in
+from app.core.fingerprint.level_offset import LevelOffset, first_offset, learned
+from app.core.fingerprint.matching import match_heard
 from app.core.fingerprint.query import Query, first_of, fresh_wifi_dbm, mean_ble_dbm, within
 from app.core.fingerprint.radio_map import RadioMap
 from app.core.fusion.particles import Particles, begin, update
@@ -94,14 +90,15 @@ def _match(
     radio_map = site.radio_map
     if radio_map is None:
         return without(state, NoFixReason.NO_RADIO_MAP_OR_BEACONS)
-    offset = _offset_so_far(state, query, radio_map, params)
+    heard = heard_in(query, radio_map)
+    offset = _offset_so_far(state, heard, radio_map, params)
     if offset is not None:
-        query = without_offset(query, offset.mean_db)
-    matches = match(query, radio_map, params.match)
+        heard = heard.less(offset.mean_db)
+    matches = match_heard(heard, radio_map, params.match)
     if matches is None:
         return without(state, NoFixReason.UNKNOWN_TRANSMITTERS)
     if offset is not None and params.level_offset is not None:
-        offset = learned(offset, query, matches, radio_map, params.level_offset)
+        offset = learned(offset, heard, matches, radio_map, params.level_offset)
         state = changed(state, level_offset=offset)
     if matches.nearest_sorensen > params.match.max_sorensen:
         return without(state, NoFixReason.OUTSIDE_MAPPED_AREA)
@@ -112,19 +109,19 @@ def _match(
     noise = (variance, 0.0, variance)
     sighting = Sighting(time_s, places, matches.weight, noise, votes, matches.floor_index)
     evidence = replace(state.evidence, sighting=sighting, means=Method.FINGERPRINT)
-    heard = Used(beacons=len(query.ble_dbm), access_points=len(query.wifi_dbm))
-    return changed(state, floor_belief=belief, evidence=evidence, used=heard)
+    used = Used(beacons=len(heard.ble), access_points=len(heard.wifi))
+    return changed(state, floor_belief=belief, evidence=evidence, used=used)
 
 
 def _offset_so_far(
-    state: SessionState, query: Query, radio_map: RadioMap, params: Params
+    state: SessionState, heard: Heard, radio_map: RadioMap, params: Params
 ) -> LevelOffset | None:
     """Return what is known of the phone's level offset; None: the profile takes levels as told."""
     if params.level_offset is None or state.level_offset is not None:
         return state.level_offset
-    if not query.wifi_dbm:
+    if not len(heard.wifi):
         return LevelOffset(0.0, params.level_offset.prior_db**2)
-    return first_offset(query, radio_map, params.match, params.level_offset)
+    return first_offset(heard, radio_map, params.match, params.level_offset)
 
 
 def correct_particles(

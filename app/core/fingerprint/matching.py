@@ -5,9 +5,11 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+import numpy.typing as npt
 from numba import njit
 from scipy.spatial import cKDTree
 
+from app.core.fingerprint.heard import Heard, heard_in
 from app.core.fingerprint.query import Query
 from app.core.fingerprint.radio_map import BLE, WIFI, RadioMap
 from app.core.fingerprint.virtual import is_virtual
@@ -22,12 +24,15 @@ LEAST_SORENSEN = 0.05
 class MatchIndex:
     """A radio map's inverted index in the matcher's representation of levels.
 
-    ``share`` holds a = ((rssi - floor) / -floor)^e for the Sørensen distance, ``power`` the same
-    with the cosine's exponent; ``share_sum`` and ``power_norm`` are their sums and norms per row,
-    apart for Wi-Fi and BLE (first axis). ``crowd`` is how many fingerprints lie about each row,
-    ``virtual`` 1 for those that nobody surveyed.
+    ``row`` is that of each entry, by column; unsigned, so that kernels need not look for negative
+    ones, and short, since they read much of it for every scan. ``share`` holds
+    a = ((rssi - floor) / -floor)^e for the Sørensen distance, ``power`` the same with the cosine's
+    exponent (of Wi-Fi only; one array where the exponents are equal); ``share_sum`` and
+    ``power_norm`` are their sums and norms per row, apart for Wi-Fi and BLE (first axis). ``crowd``
+    is how many fingerprints lie about each row, ``virtual`` 1 for those that nobody surveyed.
     """
 
+    row: npt.NDArray[np.uint32]
     share: FloatArray
     power: FloatArray
     share_sum: FloatArray
@@ -71,8 +76,9 @@ def match_index(radio_map: RadioMap, params: MatchParams) -> MatchIndex:
         represent(radio_map.rssi_dbm, params.ble_floor_dbm, params.ble_exponent),
         represent(radio_map.rssi_dbm, params.wifi_floor_dbm, params.sorensen_exponent),
     )
-    power = represent(radio_map.rssi_dbm, params.wifi_floor_dbm, params.cosine_exponent)
-    power[is_ble] = 0.0
+    power = share
+    if params.cosine_exponent != params.sorensen_exponent:
+        power = represent(radio_map.rssi_dbm, params.wifi_floor_dbm, params.cosine_exponent)
     rows = np.repeat(np.arange(radio_map.rows), np.diff(radio_map.row_start))
     share_sum = np.stack(
         [
@@ -80,11 +86,18 @@ def match_index(radio_map: RadioMap, params: MatchParams) -> MatchIndex:
             for kind in (WIFI, BLE)
         ]
     )
-    power_norm = np.sqrt(np.bincount(rows, power**2, radio_map.rows))
+    power_norm = np.sqrt(np.bincount(rows, power**2 * ~is_ble, radio_map.rows))
     by_column = np.argsort(radio_map.column, kind="stable")
-    crowd = _crowd(radio_map, params.crowd_m)
-    virtual = is_virtual(radio_map).astype(np.float64)
-    return MatchIndex(share[by_column], power[by_column], share_sum, power_norm, crowd, virtual)
+    share_by_column = share[by_column]
+    return MatchIndex(
+        row=radio_map.row.astype(np.uint32),
+        share=share_by_column,
+        power=share_by_column if power is share else power[by_column],
+        share_sum=share_sum,
+        power_norm=power_norm,
+        crowd=_crowd(radio_map, params.crowd_m),
+        virtual=is_virtual(radio_map).astype(np.float64),
+    )
 
 
 def _crowd(radio_map: RadioMap, within_m: float) -> FloatArray:
@@ -118,29 +131,30 @@ def match(query: Query, radio_map: RadioMap, params: MatchParams) -> Matches | N
     those of `likeness` over m, normalised, m the number of fingerprints within ``crowd_m``: a place
     is not likelier for having been surveyed often.
     """
-    index = match_index(radio_map, params)
-    wifi = _Side.of(query.wifi_dbm, radio_map, params.wifi_floor_dbm, params.sorensen_exponent)
-    ble = _Side.of(query.ble_dbm, radio_map, params.ble_floor_dbm, params.ble_exponent)
-    if not len(wifi.column) + len(ble.column):
+    return match_heard(heard_in(query, radio_map), radio_map, params)
+
+
+def match_heard(heard: Heard, radio_map: RadioMap, params: MatchParams) -> Matches | None:
+    """Do the same for a query that was looked up in the map before."""
+    if not heard.is_known:
         return None
-    power = represent(wifi.level_dbm, params.wifi_floor_dbm, params.cosine_exponent)
-    all_power = represent(
-        np.array(list(query.wifi_dbm.values()), dtype=np.float64),
-        params.wifi_floor_dbm,
-        params.cosine_exponent,
-    )
-    ble_gain = params.ble_gain * min(1.0, len(query.ble_dbm) / 3.0)
+    index, wifi_dbm = match_index(radio_map, params), heard.wifi.level_dbm
     distance, sorensen = _distances(
-        (radio_map.column_start, radio_map.row),
+        (radio_map.column_start, index.row),
         (index.share, index.power, index.share_sum, index.power_norm),
-        (wifi.column, wifi.share, power),
-        (ble.column, ble.share),
-        (wifi.total, math.sqrt(float(all_power @ all_power)), ble.total, ble_gain),
+        (
+            heard.wifi.column,
+            represent(wifi_dbm, params.wifi_floor_dbm, params.sorensen_exponent),
+            represent(wifi_dbm, params.wifi_floor_dbm, params.cosine_exponent),
+        ),
+        (
+            heard.ble.column,
+            represent(heard.ble.level_dbm, params.ble_floor_dbm, params.ble_exponent),
+        ),
+        params.ble_gain * min(1.0, len(heard.ble) / 3.0),
     )
     distance += params.virtual_gain * (params.virtual_even_share - sorensen.min()) * index.virtual
-    k = min(params.k, len(distance))
-    row = np.argpartition(distance, k - 1)[:k]
-    row = row[np.lexsort((row, distance[row]))]
+    row = _nearest(distance, min(params.k, radio_map.rows))
     weight = likeness(distance[row], sorensen[row], params) / index.crowd[row]
     return Matches(
         row=row,
@@ -163,60 +177,75 @@ def likeness(distance: FloatArray, sorensen: FloatArray, params: MatchParams) ->
     return np.asarray(np.exp((distance.min() - distance) / softness))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Side:
-    column: IntArray
-    level_dbm: FloatArray
-    share: FloatArray
-    total: float
-
-    @classmethod
-    def of(
-        cls, levels_dbm: dict[str, float], radio_map: RadioMap, floor_dbm: float, exponent: float
-    ) -> "_Side":
-        # Sorted, so that sums do not depend on the order in which the phone listed them.
-        items = sorted(levels_dbm.items())
-        share = represent(np.array([v for _, v in items], dtype=np.float64), floor_dbm, exponent)
-        column = np.array([radio_map.column_by_key.get(k, -1) for k, _ in items], dtype=np.int64)
-        level_dbm = np.array([v for _, v in items], dtype=np.float64)
-        known = column >= 0
-        return cls(column[known], level_dbm[known], share[known], float(share.sum()))
-
-
 @njit(cache=True)
+def _nearest(distance: FloatArray, k: int) -> IntArray:  # pragma: no cover - compiled
+    """Return the k rows of least distance, nearest first; of equal ones the first."""
+    nearest, least = np.zeros(k, np.int64), np.full(k, np.inf)
+    for r in range(len(distance)):
+        if distance[r] < least[k - 1]:
+            i = k - 1
+            while i > 0 and least[i - 1] > distance[r]:
+                nearest[i], least[i] = nearest[i - 1], least[i - 1]
+                i -= 1
+            nearest[i], least[i] = r, distance[r]
+    return nearest
+
+
+# Where nothing is divided by zero anyway, not being asked lets the loops run four rows at a time.
+@njit(cache=True, error_model="numpy")
 def _distances(
-    inverted: tuple[IntArray, IntArray],
+    inverted: tuple[IntArray, npt.NDArray[np.uint32]],
     levels: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
     wifi: tuple[IntArray, FloatArray, FloatArray],
     ble: tuple[IntArray, FloatArray],
-    totals: tuple[float, float, float, float],
+    ble_gain: float,
 ) -> tuple[FloatArray, FloatArray]:  # pragma: no cover - compiled
-    column_start, row = inverted
+    """Return distance and Sørensen distance of every row (rows,)."""
     share, power, share_sum, power_norm = levels
-    wifi_column, wifi_share, wifi_power = wifi
-    ble_column, ble_share = ble
-    wifi_total, wifi_norm, ble_total, ble_gain = totals
-    rows = share_sum.shape[1]
-    overlap = np.zeros(rows)
-    dot = np.zeros(rows)
-    for i in range(len(wifi_column)):
-        for entry in range(column_start[wifi_column[i]], column_start[wifi_column[i] + 1]):
-            overlap[row[entry]] += min(wifi_share[i], share[entry])
-            dot[row[entry]] += wifi_power[i] * power[entry]
-    overlap_ble = np.zeros(rows)
-    for i in range(len(ble_column)):
-        for entry in range(column_start[ble_column[i]], column_start[ble_column[i] + 1]):
-            overlap_ble[row[entry]] += min(ble_share[i], share[entry])
-    distance = np.empty(rows)
-    sorensen = np.empty(rows)
+    rows = len(power_norm)
+    distance, sorensen = np.zeros(rows), np.ones(rows)
+    if len(ble[0]):
+        shared, heard = (
+            _shared(inverted, (share, share), (ble[0], ble[1], ble[1]), rows),
+            ble[1].sum(),
+        )
+        for r in range(rows):
+            total = heard + share_sum[1, r]
+            sorensen[r] = 1.0 - 2.0 * shared[r, 0] / total if total > 0.0 else 1.0
+            distance[r] = ble_gain * sorensen[r]
+    heard, length = wifi[1].sum(), math.sqrt((wifi[2] * wifi[2]).sum())
+    if heard == 0.0:
+        return sorensen.copy(), sorensen
+    shared = _shared(inverted, (share, power), wifi, rows)
     for r in range(rows):
-        total = wifi_total + share_sum[0, r]
-        sorensen[r] = 1.0 - 2.0 * overlap[r] / total if total > 0.0 else 1.0
-        norm = wifi_norm * power_norm[r]
-        cosine = 1.0 - dot[r] / norm if norm > 0.0 else 1.0
-        total_ble = ble_total + share_sum[1, r]
-        d_ble = 1.0 - 2.0 * overlap_ble[r] / total_ble if total_ble > 0.0 else 1.0
-        distance[r] = sorensen[r] + cosine + ble_gain * d_ble
-        if wifi_total == 0.0:
-            distance[r] = sorensen[r] = d_ble
+        sorensen[r] = 1.0 - 2.0 * shared[r, 0] / (heard + share_sum[0, r])
+        lengths = length * power_norm[r]
+        cosine = 1.0 - shared[r, 1] / lengths if lengths > 0.0 else 1.0
+        distance[r] += sorensen[r] + cosine
     return distance, sorensen
+
+
+@njit(cache=True)
+def _shared(
+    inverted: tuple[IntArray, npt.NDArray[np.uint32]],
+    levels: tuple[FloatArray, FloatArray],
+    heard: tuple[IntArray, FloatArray, FloatArray],
+    rows: int,
+) -> FloatArray:  # pragma: no cover - compiled
+    """Return Σ min(a, b) and a·b of every row (rows, 2) over the transmitters heard.
+
+    Nearly all of a match's time goes by here: a column's entries are taken as slices, and both sums
+    of a row lie side by side.
+    """
+    sums = np.zeros((rows, 2))
+    for i in range(len(heard[0])):
+        column, share, power = heard[0][i], heard[1][i], heard[2][i]
+        if column < 0:
+            continue
+        begin, end = inverted[0][column], inverted[0][column + 1]
+        row, shares, powers = inverted[1][begin:end], levels[0][begin:end], levels[1][begin:end]
+        for entry in range(len(row)):
+            r = row[entry]
+            sums[r, 0] += min(shares[entry], share)
+            sums[r, 1] += power * powers[entry]
+    return sums

@@ -34,7 +34,7 @@ def first_of(known: dict[str, int]) -> KeyChoice:
     """
 
     def choose(keys: tuple[str, ...]) -> str:
-        for key in keys:
+        for key in keys[:-1]:
             if key in known:
                 return key
         return keys[-1]
