@@ -3,8 +3,6 @@
 import math
 from functools import lru_cache
 
-import numpy as np
-
 from app.core.fingerprint.paths import paths
 from app.core.fusion.ground import Ground, ground
 from app.core.fusion.ways import NO_WAYS, WayParams, Ways, ways
@@ -16,7 +14,7 @@ WAYS = WayParams()
 
 def ground_of(floor_belief: FloatArray | None, site: SiteModel) -> Ground:
     """Return the ground of the most probable floor."""
-    return _grounds(site)[0 if floor_belief is None else int(np.argmax(floor_belief))]
+    return _grounds(site)[0 if floor_belief is None else floor_belief.argmax()]
 
 
 @lru_cache(maxsize=32)

@@ -124,13 +124,12 @@ def take_strides(
         due += 1
     if not due:
         return state
-    taken, motion = state.pending[:due], state.motion
+    taken = state.pending[:due]
     for stride in taken:
-        motion = with_step(motion, stride.time_s)
         state = rule(state, stride, site, params)
     return changed(
         state,
-        motion=motion,
+        motion=with_step(state.motion, max(stride.time_s for stride in taken)),
         stride=taken[-1],
         pending=state.pending[due:],
         walked=_lately(state.walked + taken, until_s),

@@ -74,23 +74,27 @@ def with_acceleration(state: MotionState, block: ImuBlock, params: MotionModePar
 
     After a gap longer than the evidence lasts, the variance starts anew.
     """
-    norms = np.linalg.norm(block.acc_mps2.astype(np.float64), axis=1)
-    if len(norms) == 0:
+    samples = len(block.acc_mps2)
+    if samples == 0:
         return state
-    mean, variance = state.acc_mean_mps2, state.acc_variance_m2ps4
-    if not _recent(state.acc_s, block.time_s, params.evidence_s):
-        mean, variance = float(norms[0]), 0.0
+    before = state.acc_mean_mps2, state.acc_variance_m2ps4
+    fresh = not _recent(state.acc_s, block.time_s, params.evidence_s)
     gain = 1.0 - math.exp(-1.0 / (block.rate_hz * params.variance_time_s))
-    mean, variance = _forgetting(norms, gain, mean, variance)
-    end_s = block.time_s + (len(norms) - 1) / block.rate_hz
+    mean, variance = _forgetting(block.acc_mps2.astype(np.float64), gain, before, fresh)
+    end_s = block.time_s + (samples - 1) / block.rate_hz
     return replace(state, acc_mean_mps2=mean, acc_variance_m2ps4=variance, acc_s=end_s)
 
 
 @njit(cache=True)
 def _forgetting(
-    norms: FloatArray, gain: float, mean: float, variance: float
+    acc_mps2: FloatArray, gain: float, before: tuple[float, float], fresh: bool
 ) -> tuple[float, float]:  # pragma: no cover - compiled
-    for norm in norms:
+    mean, variance = before
+    for i in range(len(acc_mps2)):
+        x, y, z = acc_mps2[i]
+        norm = math.sqrt(x * x + y * y + z * z)
+        if fresh and i == 0:
+            mean, variance = norm, 0.0
         deviation = norm - mean
         mean += gain * deviation
         variance = (1.0 - gain) * (variance + gain * deviation * deviation)

@@ -89,7 +89,7 @@ def detect_steps(
     end_s = block.time_s + len(acc) / block.rate_hz
     return (
         StepDetector(memory, end_s),
-        tuple(Step(*(float(v) for v in row)) for row in found),
+        tuple(Step(*row) for row in found.tolist()),
     )
 
 
@@ -113,7 +113,7 @@ def azimuth_rad(quat_wxyz: npt.NDArray[np.float32]) -> FloatArray:
 
 def _at_rest(acc_mps2: FloatArray) -> FloatArray:
     memory = np.zeros(_SIZE)
-    memory[_X1 : _MEAN + 1] = float(np.linalg.norm(acc_mps2))
+    memory[_X1 : _MEAN + 1] = math.sqrt(float(acc_mps2 @ acc_mps2))
     memory[_STEP_S] = -math.inf
     memory[_INTERVAL_S] = math.nan
     memory[_UP : _UP + 3] = acc_mps2
