@@ -10,12 +10,14 @@ from app.core.types import FloatArray
 def place_of(track: Track) -> tuple[FloatArray, FloatArray]:
     """Return the place (2,) and its covariance (2, 2)."""
     mean, covariance = moments_of(track)
-    return mean[:2], covariance[:2, :2]
+    return mean[:2], covariance
 
 
 def moments_of(track: Track) -> tuple[FloatArray, FloatArray]:
-    """Return mean and covariance of all that the filter estimates; the place is in front."""
-    return moments(track) if isinstance(track, Particles) else (track.mean, track.covariance)
+    """Return the mean of all that the filter estimates, the place in front, and its covariance."""
+    if isinstance(track, Particles):
+        return moments(track)
+    return track.mean, track.covariance[:2, :2]
 
 
 def velocity_mps(track: Track, mean: FloatArray, stride: Stride | None) -> tuple[float, float]:

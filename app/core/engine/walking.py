@@ -17,6 +17,7 @@ from app.core.types import (
     ImuBlock,
     Pedometer,
     Steps,
+    Used,
     WifiScan,
 )
 
@@ -134,7 +135,7 @@ def take_strides(
         pending=state.pending[due:],
         walked=_lately(state.walked + taken, until_s),
         evidence=replace(state.evidence, strides=state.evidence.strides + taken),
-        used=replace(state.used, steps=state.used.steps + due),
+        used=Used(state.used.beacons, state.used.access_points, state.used.steps + due),
     )
 
 

@@ -82,7 +82,7 @@ def weights(particles: Particles) -> FloatArray:
 
 
 def moments(particles: Particles) -> tuple[FloatArray, FloatArray]:
-    """Return mean (4,) and covariance (4, 4) of all particles."""
+    """Return the mean (4,) of all particles and the covariance (2, 2) of their places."""
     return _moments(particles.state, particles.log_weight)
 
 
@@ -194,22 +194,19 @@ def _draw(
 def _moments(
     state: FloatArray, log_weight: FloatArray
 ) -> tuple[FloatArray, FloatArray]:  # pragma: no cover - compiled
-    mean, covariance, total = np.zeros(4), np.zeros((4, 4)), 0.0
     w = np.exp(log_weight)
+    w /= w.sum()
+    mean = np.zeros(4)
     for k in range(len(state)):
-        total += w[k]
         for i in range(4):
             mean[i] += w[k] * state[k, i]
-    mean /= total
+    xx, xy, yy = 0.0, 0.0, 0.0
     for k in range(len(state)):
-        for i in range(4):
-            for j in range(i + 1):
-                apart = (state[k, i] - mean[i]) * (state[k, j] - mean[j])
-                covariance[i, j] += w[k] / total * apart
-    for i in range(4):
-        for j in range(i):
-            covariance[j, i] = covariance[i, j]
-    return mean, covariance
+        dx, dy = state[k, X] - mean[X], state[k, Y] - mean[Y]
+        xx += w[k] * dx * dx
+        xy += w[k] * dx * dy
+        yy += w[k] * dy * dy
+    return mean, np.array([[xx, xy], [xy, yy]])
 
 
 @njit(cache=True)
@@ -288,11 +285,12 @@ def _weigh(
     places, weight, (xx, xy, yy) = seen
     det = xx * yy - xy * xy
     peak = 1.0 / (2.0 * math.pi * math.sqrt(det))
+    along, both, across = 0.5 * yy / det, xy / det, 0.5 * xx / det
     for k in range(len(state)):
         likelihood = 0.0
         for i in range(len(places)):
             dx, dy = places[i, 0] - state[k, X], places[i, 1] - state[k, Y]
-            far = 0.5 * (yy * dx * dx - 2.0 * xy * dx * dy + xx * dy * dy) / det
+            far = along * dx * dx - both * dx * dy + across * dy * dy
             if far < NEGLIGIBLE:
                 likelihood += weight[i] * math.exp(-far)
         log_weight[k] += rule[1] * math.log(peak * likelihood + rule[0])
