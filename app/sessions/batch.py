@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from app.core.session import Rejection
-from app.core.types import Observation, Output
+from app.core.types import BeaconTelemetry, Observation, Output
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,11 +18,15 @@ class ClockReport:
 
 @dataclass(frozen=True, slots=True)
 class IncomingRecord:
-    """One valid record by its place in the batch, timed by the phone's wall or monotonic clock."""
+    """One valid record by its place in the batch, timed by the phone's wall or monotonic clock.
+
+    ``telemetry`` is what the beacons of its scan told of themselves; it is not folded.
+    """
 
     index: int
     observation: Observation
     monotonic: bool = False
+    telemetry: tuple[BeaconTelemetry, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +58,7 @@ class Submitted:
 
     ``output`` is the session's position (or its absence) at the latest observation, None while the
     session has observed nothing; ``duplicate`` tells a batch that was known already.
+    ``observations`` are those that it made durable, in event time and the order of its records.
     """
 
     session_id: str
@@ -62,6 +67,7 @@ class Submitted:
     ignored: int
     output: Output | None
     duplicate: bool
+    observations: tuple[Observation, ...] = ()
 
 
 class BatchConflictError(Exception):

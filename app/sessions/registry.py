@@ -222,6 +222,7 @@ class SessionRegistry:
             ignored=stored.ignored,
             output=output,
             duplicate=stored is not logged,
+            observations=stored.observations if stored is logged else (),
         )
 
     async def _open(self, device: _Device, batch: IncomingBatch) -> _Slot:

@@ -11,7 +11,7 @@ from app.storage import migrate
 from app.storage.engines import migrating_engine
 from app.storage.tables import METADATA
 
-HEAD = "0007"
+HEAD = "0008"
 
 
 @pytest.fixture(params=["sqlite", pytest.param("postgres", marks=pytest.mark.postgres)])
