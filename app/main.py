@@ -90,6 +90,7 @@ def create_app(settings: Settings, clock: Clock | None = None) -> FastAPI:
             for chore in chores:
                 chore.cancel()
             await context.builds.close()
+            await context.growth.close()
             context.hub.close()
             await context.uploads.close()
             await context.registry.close()
@@ -168,7 +169,7 @@ def _build(
         ingest=IngestService(registry, hub, directory, database, clock, watch),
         watch=watch,
         replays=ReplayService(database, directory),
-        growth=GrowthService(database, directory),
+        growth=GrowthService(database, directory, board),
         authenticator=Authenticator(
             lambda token_hash: database.read(lambda c: find_token(c, token_hash)),
             clock,

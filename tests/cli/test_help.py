@@ -31,6 +31,7 @@ COMMANDS = (
     ("import", "csv", "beacons"),
     ("import", "csv", "fingerprints"),
     *(("radio-map", name) for name in RADIO_MAP_COMMANDS),
+    *(("growth", name) for name in ("look", "accept", "discard")),
     ("token", "create"),
     ("token", "list"),
     ("token", "revoke"),
