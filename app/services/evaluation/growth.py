@@ -21,8 +21,8 @@ PROTOCOL = (
     "folds as in `pharos evaluate ms2020`; of each floor's walks of the map folds, in the order of "
     "md5(seed:trace id), the first quarter is surveyed, the next half is traffic without labels; "
     "the map of the surveyed walks is asked the walks of the asked fold before and after it grew "
-    "by the traffic; figures as there: mean errors, the share of seconds told on the right floor, and "
-    "the share within the told radius95_m"
+    "by the traffic; figures as there: mean errors, the share of seconds on the right floor, and "
+    "the share inside the told radius95_m"
 )
 
 SURVEYED, USED = 0.25, 0.75
