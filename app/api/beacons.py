@@ -200,10 +200,10 @@ async def patch_beacons(
 ) -> dict[str, list[TaggedBeacon]]:
     """Change several beacons, all or none; an `etag` that is not the stored one refuses all."""
     edits = {}
-    for item in body.items:
+    for i, item in enumerate(body.items):
         await _beacon(context, principal, item.beacon_id)
         seen = None if item.etag is None else frozenset({item.etag.strip('"')})
-        edits[item.beacon_id] = (seen, partial(_patched_beacon, item.patch))
+        edits[item.beacon_id] = (seen, partial(_edited, item.patch, i))
     if len(edits) < len(body.items):
         raise invalid_field(pointer="#/items", detail="a beacon is there twice")
     stored = await beacon_service.edit_beacons(context.database, edits)
@@ -256,7 +256,7 @@ async def patch_beacon(
     """Change some fields of a beacon (merge-patch)."""
     await _beacon(context, principal, beacon_id)
     stored = await beacon_service.edit_beacon(
-        context.database, beacon_id, seen, partial(_patched_beacon, patch)
+        context.database, beacon_id, seen, lambda beacon: _patched_beacon(beacon, patch)
     )
     await context.directory.refresh()
     return tagged(response, stored.row_version, await _seen_view(context, stored))
@@ -270,8 +270,12 @@ async def delete_beacon(beacon_id: str, principal: Admin, context: Context, seen
     await context.directory.refresh()
 
 
-def _patched_beacon(patch: dict[str, Any], beacon: StoredBeacon) -> StoredBeacon:
-    return replace(beacon, **_columns(patched(BeaconFields(**_fields(beacon)), patch)))
+def _patched_beacon(beacon: StoredBeacon, patch: dict[str, Any], *place: str | int) -> StoredBeacon:
+    return replace(beacon, **_columns(patched(BeaconFields(**_fields(beacon)), patch, *place)))
+
+
+def _edited(patch: dict[str, Any], item: int, beacon: StoredBeacon) -> StoredBeacon:
+    return _patched_beacon(beacon, patch, "items", item, "patch")
 
 
 def stored_beacon(site_id: str, beacon_id: str, fields: BeaconFields) -> StoredBeacon:

@@ -69,11 +69,15 @@ def beacons_of_site(connection: Connection, site_id: str) -> list[StoredBeacon]:
     return _beacons(connection, query)
 
 
-def beacon_ids_by_key(connection: Connection, site_id: str) -> dict[str, str]:
-    """Return, by key, the ids of all beacons of a site, those without a place too."""
+def beacon_ids_by_key(
+    connection: Connection, site_id: str, keys: Sequence[str] | None = None
+) -> dict[str, str]:
+    """Return, by key, the ids of beacons of a site, those without a place too; None: of all."""
     query = select(BEACON_KEYS.c.key, BEACON_KEYS.c.beacon_id)
-    rows = connection.execute(query.where(BEACON_KEYS.c.site_id == site_id))
-    return {row.key: row.beacon_id for row in rows}
+    query = query.where(BEACON_KEYS.c.site_id == site_id)
+    if keys is not None:
+        query = query.where(BEACON_KEYS.c.key.in_(keys))
+    return {row.key: row.beacon_id for row in connection.execute(query)}
 
 
 def anchors_of_site(connection: Connection, site_id: str) -> tuple[Anchor, ...]:
