@@ -60,7 +60,7 @@ def apply(calibration: CalibrationArgument, database: DatabaseOption = None) -> 
     """Put a draft's values into the registry, all or none."""
     with local_database(database) as store:
         applied = asyncio.run(drafts.apply_calibration(store, calibration, None, CLOCK.now_s()))
-    typer.echo(f"{len(applied.proposed)} beacons changed")
+    typer.echo(f"beacons changed: {len(applied.proposed)}")
 
 
 def discard(calibration: CalibrationArgument, database: DatabaseOption = None) -> None:

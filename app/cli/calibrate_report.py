@@ -24,13 +24,10 @@ def print_draft(draft: StoredCalibration, json_file: Path | None) -> None:
     print_report(draft.kind, draft.report, json_file)
     if json_file == STDOUT:
         return
-    if draft.applied_s is None:
-        Console(stderr=True).print(
-            f"A draft, nothing is changed yet: pharos calibrate apply {draft.calibration_id}, "
-            "or discard",
-            markup=False,
-        )
-    typer.echo(draft.calibration_id)
+    draft_id = draft.calibration_id
+    state = f"A draft, nothing is changed yet: pharos calibrate apply {draft_id}, or discard"
+    Console(stderr=True).print(state if draft.applied_s is None else "Applied.", markup=False)
+    typer.echo(draft_id)
 
 
 def print_report(kind: str, report: Mapping[str, Any], json_file: Path | None) -> None:
