@@ -7,11 +7,13 @@ reading costs no write, and a server that is killed forgets some seconds.
 
 import asyncio
 import logging
-from collections.abc import Iterable
+import math
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from functools import partial
 from typing import TypeAlias
 
+from app.core.survey import Scan
 from app.core.types import BeaconTelemetry, BleScan, Observation, WifiScan
 from app.services.site import SiteDirectory
 from app.services.writing import write
@@ -36,7 +38,9 @@ class BeaconWatch:
     def __init__(self, database: Database, directory: SiteDirectory) -> None:
         self._database = database
         self._directory = directory
-        self._heard: dict[str, BeaconHealth] = {}
+        # Most readings are of beacons that tell nothing of themselves: their time is all.
+        self._last_s: dict[str, float] = {}
+        self._told: dict[str, BeaconHealth] = {}
         self._turn = asyncio.Lock()
 
     def note(self, site_id: str, heard: Iterable[Heard], received_s: float) -> None:
@@ -45,12 +49,8 @@ class BeaconWatch:
         if not ids:
             return
         for observation, telemetry in heard:
-            if not isinstance(observation, WifiScan | BleScan):
-                continue
-            for reading in observation.readings:
-                heard_s = min(observation.time_s - reading.age_s, received_s)
-                for beacon_id in {ids[key] for key in reading.keys if key in ids}:
-                    self._keep(BeaconHealth(beacon_id, heard_s))
+            if isinstance(observation, WifiScan | BleScan):
+                self._note_scan(ids, observation, received_s)
             for told in telemetry:
                 told_s = min(observation.time_s, received_s)
                 for beacon_id in {ids[key] for key in told.keys if key in ids}:
@@ -74,7 +74,11 @@ class BeaconWatch:
             If the database does not take it now; nothing is forgotten.
         """
         async with self._turn:
-            fresh, self._heard = list(self._heard.values()), {}
+            fresh = [
+                replace(self._told.get(name, BeaconHealth(name, last_s)), last_heard_s=last_s)
+                for name, last_s in self._last_s.items()
+            ]
+            self._last_s, self._told = {}, {}
             for first in range(0, len(fresh), _BEACONS_A_WRITE):
                 some = fresh[first : first + _BEACONS_A_WRITE]
                 try:
@@ -84,9 +88,22 @@ class BeaconWatch:
                         self._keep(health)
                     raise
 
+    def _note_scan(self, ids: Mapping[str, str], scan: Scan, received_s: float) -> None:
+        for reading in scan.readings:
+            heard_s = min(scan.time_s - reading.age_s, received_s)
+            for key in reading.keys:
+                if key in ids:
+                    self._hear(ids[key], heard_s)
+
+    def _hear(self, beacon_id: str, heard_s: float) -> None:
+        if heard_s > self._last_s.get(beacon_id, -math.inf):
+            self._last_s[beacon_id] = heard_s
+
     def _keep(self, fresh: BeaconHealth) -> None:
-        known = self._heard.get(fresh.beacon_id)
-        self._heard[fresh.beacon_id] = fresh if known is None else _joined(known, fresh)
+        self._hear(fresh.beacon_id, fresh.last_heard_s)
+        if fresh.told_s is not None:
+            known = self._told.get(fresh.beacon_id)
+            self._told[fresh.beacon_id] = fresh if known is None else _joined(known, fresh)
 
 
 def _health(beacon_id: str, told_s: float, told: BeaconTelemetry) -> BeaconHealth:
@@ -96,19 +113,12 @@ def _health(beacon_id: str, told_s: float, told: BeaconTelemetry) -> BeaconHealt
 
 
 def _joined(known: BeaconHealth, fresh: BeaconHealth) -> BeaconHealth:
-    last_heard_s = max(known.last_heard_s, fresh.last_heard_s)
-    if fresh.told_s is None:
-        return replace(known, last_heard_s=last_heard_s)
-    if known.told_s is None:
-        return replace(fresh, last_heard_s=last_heard_s)
     older, newer = sorted((known, fresh), key=lambda health: health.told_s or 0.0)
-    return BeaconHealth(
-        known.beacon_id,
-        last_heard_s,
-        newer.told_s,
-        _first(newer.battery_percent, older.battery_percent),
-        _first(newer.battery_v, older.battery_v),
-        _first(newer.temperature_degc, older.temperature_degc),
+    return replace(
+        newer,
+        battery_percent=_first(newer.battery_percent, older.battery_percent),
+        battery_v=_first(newer.battery_v, older.battery_v),
+        temperature_degc=_first(newer.temperature_degc, older.temperature_degc),
     )
 
 
