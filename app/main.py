@@ -18,6 +18,7 @@ from app.api.context import ApiContext, ApiLimits
 from app.config import Settings
 from app.core.engine import warm_up
 from app.services.ageing import AgeingService
+from app.services.beacon_health import BeaconWatch
 from app.services.first_start import make_first_token
 from app.services.growth import GrowthService
 from app.services.housekeeping import Housekeeping, Retention
@@ -79,14 +80,21 @@ def create_app(settings: Settings, clock: Clock | None = None) -> FastAPI:
             await context.registry.recover()
             bind(app, context)
             await _announce(settings, database, own_clock)
-            chores = asyncio.create_task(housekeeping.run(settings.sweep_interval_s))
-            chores.add_done_callback(_log_death)
+            chores = [
+                asyncio.create_task(housekeeping.run(settings.sweep_interval_s)),
+                asyncio.create_task(context.watch.run()),
+            ]
+            for chore in chores:
+                chore.add_done_callback(_log_death)
             yield
-            chores.cancel()
+            for chore in chores:
+                chore.cancel()
             await context.builds.close()
+            await context.growth.close()
             context.hub.close()
             await context.uploads.close()
             await context.registry.close()
+            await context.watch.flush()
         finally:
             await database.close()
             spool.cleanup()
@@ -151,15 +159,17 @@ def _build(
     registry = SessionRegistry(ports, directory, hub, clock, limits)
     board = JobBoard(database, hub, clock)
     importer = SurveyImporter(database, board, clock)
+    watch = BeaconWatch(database, directory)
     context = ApiContext(
         clock=clock,
         database=database,
         directory=directory,
         registry=registry,
         hub=hub,
-        ingest=IngestService(registry, hub, directory, database, clock),
+        ingest=IngestService(registry, hub, directory, database, clock, watch),
+        watch=watch,
         replays=ReplayService(database, directory),
-        growth=GrowthService(database, directory),
+        growth=GrowthService(database, directory, board),
         authenticator=Authenticator(
             lambda token_hash: database.read(lambda c: find_token(c, token_hash)),
             clock,
@@ -202,4 +212,4 @@ async def _announce(settings: Settings, database: Database, clock: Clock) -> Non
 
 def _log_death(task: "asyncio.Task[None]") -> None:
     if not task.cancelled() and (error := task.exception()) is not None:
-        _LOG.critical("housekeeping has ended", exc_info=error)
+        _LOG.critical("a chore of the server has ended", exc_info=error)

@@ -23,6 +23,7 @@ from app.services import beacons as beacon_service
 from app.services.beacons import ImportPlan
 from app.services.errors import AppError, ErrorCode
 from app.storage import beacons
+from app.storage.beacon_health import health_of_site
 from app.storage.beacons import StoredBeacon
 
 router = registry_router("/v1/beacons", "beacons")
@@ -31,6 +32,9 @@ MAX_TABLE_BYTES = 20 << 20
 
 MAX_CHANGES = 1000
 """More than an admin looks through."""
+
+TOLD_BY_TRAFFIC = frozenset({"last_heard_at", "battery"})
+"""Fields of an exported beacon that nobody edits: an import passes them over."""
 
 SiteParameter = Annotated[str, Query(description="Site of the table")]
 
@@ -112,11 +116,16 @@ async def import_beacons(
 async def export_beacons(
     principal: Reader, context: Context, request: Request, site_id: SiteParameter
 ) -> Response:
-    """Return all beacons of a site as JSON, or as CSV by Accept; both can be imported again."""
+    """Return all beacons of a site as JSON, or as CSV by Accept; both can be imported again.
+
+    What traffic says of a beacon is in it too, and passed over by an import.
+    """
     check_site(principal, site_id)
     media_type = best_type(request, ("application/json", "text/csv"))
+    await context.watch.flush()
     stored = await context.database.read(lambda c: beacons.beacons_of_site(c, site_id))
-    items = [beacon_view(beacon).model_dump() for beacon in stored]
+    health = await context.database.read(lambda c: health_of_site(c, site_id))
+    items = [beacon_view(b, health.get(b.beacon_id)).model_dump() for b in stored]
     if media_type == "application/json":
         return JSONResponse({"items": items})
     disposition = {"Content-Disposition": 'attachment; filename="beacons.csv"'}
@@ -190,7 +199,8 @@ def _beacon(site_id: str, row: BeaconRow) -> StoredBeacon:
     if fields.get("site_id", site_id) != site_id:
         msg = f"it is of site {fields['site_id']!r}"
         raise ValueError(msg)
-    beacon = NewBeacon.model_validate({**fields, "site_id": site_id})
+    edited = {name: value for name, value in fields.items() if name not in TOLD_BY_TRAFFIC}
+    beacon = NewBeacon.model_validate({**edited, "site_id": site_id})
     return stored_beacon(site_id, beacon.beacon_id, beacon)
 
 

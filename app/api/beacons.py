@@ -4,8 +4,8 @@ from dataclasses import replace
 from functools import partial
 from typing import Annotated, Any, Literal, Self
 
-from fastapi import Request, Response
-from pydantic import AfterValidator, Field, model_validator
+from fastapi import Query, Request, Response
+from pydantic import AfterValidator, BaseModel, Field, model_validator
 
 from app.api.auth import Principal, check_site
 from app.api.conditional import (
@@ -19,11 +19,13 @@ from app.api.conditional import (
     patched,
 )
 from app.api.context import ApiContext
+from app.api.fix import iso_time
 from app.api.paging import Page, Paging, page_of
 from app.api.resource import (
     Admin,
     Context,
     Identifier,
+    Instant,
     Metres,
     Reader,
     Reference,
@@ -38,6 +40,7 @@ from app.formats.transmitters import canonical_key
 from app.services import beacons as beacon_service
 from app.services.errors import found, invalid_field
 from app.storage import beacons
+from app.storage.beacon_health import BeaconHealth, health_of
 from app.storage.beacons import BeaconFilter, StoredBeacon
 
 router = registry_router("/v1/beacons", "beacons")
@@ -101,28 +104,60 @@ class NewBeacon(BeaconFields):
     site_id: Reference
 
 
+class Battery(BaseModel):
+    """What a beacon told last of its battery and temperature; null: it does not tell that."""
+
+    percent: float | None
+    voltage_v: float | None
+    temperature_c: float | None
+    told_at: str
+
+
 class Beacon(BeaconFields):
-    """A beacon."""
+    """A beacon, with what traffic says of it."""
 
     beacon_id: str
     site_id: str
+    last_heard_at: str | None = Field(
+        None, description="Event time of the newest reading of any of its keys; null: never"
+    )
+    battery: Battery | None = Field(None, description="null: it has never told")
+
+
+class BeaconListing(BaseModel):
+    """Which beacons to list."""
+
+    site_id: str | None = None
+    floor_id: str | None = None
+    kind: Kind | None = None
+    not_heard_since: Instant | None = Field(
+        None, description="Only those last heard before this instant, or never"
+    )
 
 
 @router.get("")
 async def list_beacons(
-    principal: Reader,
-    context: Context,
-    paging: Paging,
-    site_id: str | None = None,
-    floor_id: str | None = None,
-    kind: Kind | None = None,
+    principal: Reader, context: Context, paging: Paging, asked: Annotated[BeaconListing, Query()]
 ) -> Page[Beacon]:
     """List beacons by id."""
-    which = BeaconFilter(listed_site(principal, site_id), floor_id, kind)
+    since = asked.not_heard_since
+    which = BeaconFilter(
+        listed_site(principal, asked.site_id),
+        asked.floor_id,
+        asked.kind,
+        None if since is None else since.timestamp(),
+    )
+    await context.watch.flush()
     rows = await context.database.read(
         lambda c: beacons.list_beacons(c, which, after=paging.after, limit=paging.limit)
     )
-    return page_of(rows, paging.limit, lambda beacon: beacon.beacon_id, beacon_view)
+    health = await context.database.read(lambda c: health_of(c, [b.beacon_id for b in rows]))
+    return page_of(
+        rows,
+        paging.limit,
+        lambda beacon: beacon.beacon_id,
+        lambda beacon: beacon_view(beacon, health.get(beacon.beacon_id)),
+    )
 
 
 @router.post("", status_code=201)
@@ -165,15 +200,18 @@ async def patch_beacons(
 ) -> dict[str, list[TaggedBeacon]]:
     """Change several beacons, all or none; an `etag` that is not the stored one refuses all."""
     edits = {}
-    for item in body.items:
+    for i, item in enumerate(body.items):
         await _beacon(context, principal, item.beacon_id)
         seen = None if item.etag is None else frozenset({item.etag.strip('"')})
-        edits[item.beacon_id] = (seen, partial(_patched_beacon, item.patch))
+        edits[item.beacon_id] = (seen, partial(_edited, item.patch, i))
     if len(edits) < len(body.items):
         raise invalid_field(pointer="#/items", detail="a beacon is there twice")
     stored = await beacon_service.edit_beacons(context.database, edits)
     await context.directory.refresh()
-    views = [(beacon_view(beacon), etag_of(beacon.row_version)) for beacon in stored]
+    health = await context.database.read(
+        lambda c: health_of(c, [beacon.beacon_id for beacon in stored])
+    )
+    views = [(beacon_view(b, health.get(b.beacon_id)), etag_of(b.row_version)) for b in stored]
     return {"items": [TaggedBeacon(**view.model_dump(), etag=etag) for view, etag in views]}
 
 
@@ -181,11 +219,11 @@ async def patch_beacons(
 async def get_beacon(
     beacon_id: str, principal: Reader, context: Context, request: Request, response: Response
 ) -> Beacon | Response:
-    """Return one beacon."""
+    """Return one beacon. Its ETag tells edits; being heard does not change it."""
     stored = await _beacon(context, principal, beacon_id)
     if is_held(request, stored.row_version):
         return not_modified(stored.row_version)
-    return tagged(response, stored.row_version, beacon_view(stored))
+    return tagged(response, stored.row_version, await _seen_view(context, stored))
 
 
 @router.put("/{beacon_id}")
@@ -203,7 +241,7 @@ async def replace_beacon(
         context.database, beacon_id, seen, lambda beacon: replace(beacon, **_columns(body))
     )
     await context.directory.refresh()
-    return tagged(response, stored.row_version, beacon_view(stored))
+    return tagged(response, stored.row_version, await _seen_view(context, stored))
 
 
 @router.patch("/{beacon_id}", openapi_extra=patch_schema(BeaconFields))
@@ -218,10 +256,10 @@ async def patch_beacon(
     """Change some fields of a beacon (merge-patch)."""
     await _beacon(context, principal, beacon_id)
     stored = await beacon_service.edit_beacon(
-        context.database, beacon_id, seen, partial(_patched_beacon, patch)
+        context.database, beacon_id, seen, lambda beacon: _patched_beacon(beacon, patch)
     )
     await context.directory.refresh()
-    return tagged(response, stored.row_version, beacon_view(stored))
+    return tagged(response, stored.row_version, await _seen_view(context, stored))
 
 
 @router.delete("/{beacon_id}", status_code=204)
@@ -232,8 +270,12 @@ async def delete_beacon(beacon_id: str, principal: Admin, context: Context, seen
     await context.directory.refresh()
 
 
-def _patched_beacon(patch: dict[str, Any], beacon: StoredBeacon) -> StoredBeacon:
-    return replace(beacon, **_columns(patched(BeaconFields(**_fields(beacon)), patch)))
+def _patched_beacon(beacon: StoredBeacon, patch: dict[str, Any], *place: str | int) -> StoredBeacon:
+    return replace(beacon, **_columns(patched(BeaconFields(**_fields(beacon)), patch, *place)))
+
+
+def _edited(patch: dict[str, Any], item: int, beacon: StoredBeacon) -> StoredBeacon:
+    return _patched_beacon(beacon, patch, "items", item, "patch")
 
 
 def stored_beacon(site_id: str, beacon_id: str, fields: BeaconFields) -> StoredBeacon:
@@ -241,9 +283,32 @@ def stored_beacon(site_id: str, beacon_id: str, fields: BeaconFields) -> StoredB
     return StoredBeacon(beacon_id=beacon_id, site_id=site_id, **_columns(fields))
 
 
-def beacon_view(beacon: StoredBeacon) -> Beacon:
-    """Return a beacon as the API shows it."""
-    return Beacon(**_fields(beacon), beacon_id=beacon.beacon_id, site_id=beacon.site_id)
+def beacon_view(beacon: StoredBeacon, health: BeaconHealth | None = None) -> Beacon:
+    """Return a beacon as the API shows it; without ``health`` it was never heard."""
+    return Beacon(
+        **_fields(beacon),
+        beacon_id=beacon.beacon_id,
+        site_id=beacon.site_id,
+        last_heard_at=None if health is None else iso_time(health.last_heard_s),
+        battery=None if health is None else _battery(health),
+    )
+
+
+def _battery(health: BeaconHealth) -> Battery | None:
+    if health.told_s is None:
+        return None
+    return Battery(
+        percent=health.battery_percent,
+        voltage_v=health.battery_v,
+        temperature_c=health.temperature_degc,
+        told_at=iso_time(health.told_s),
+    )
+
+
+async def _seen_view(context: ApiContext, beacon: StoredBeacon) -> Beacon:
+    await context.watch.flush()
+    health = await context.database.read(lambda c: health_of(c, [beacon.beacon_id]))
+    return beacon_view(beacon, health.get(beacon.beacon_id))
 
 
 async def _beacon(context: ApiContext, principal: Principal, beacon_id: str) -> StoredBeacon:

@@ -91,11 +91,14 @@ def patch_schema(model: type[BaseModel]) -> dict[str, Any]:
     return {"requestBody": {"required": True, "content": {PATCH_TYPES[0]: {"schema": schema}}}}
 
 
-def patched(current: Model, patch: Mapping[str, Any]) -> Model:
-    """Return the fields after a merge-patch; errors answer like those of a request body."""
+def patched(current: Model, patch: Mapping[str, Any], *place: str | int) -> Model:
+    """Return the fields after a merge-patch; errors answer like those of a request body.
+
+    ``place`` is where in the body the patch is.
+    """
     document = apply_merge_patch(current.model_dump(mode="json"), patch)
     try:
         return type(current).model_validate(document)
     except ValidationError as error:
-        errors = [{**e, "loc": ("body", *e["loc"])} for e in error.errors()]
+        errors = [{**e, "loc": ("body", *place, *e["loc"])} for e in error.errors()]
         raise RequestValidationError(errors) from error

@@ -6,6 +6,7 @@ from typing import cast
 from starlette.requests import HTTPConnection
 
 from app.services.ageing import AgeingService
+from app.services.beacon_health import BeaconWatch
 from app.services.growth import GrowthService
 from app.services.ingest import IngestService
 from app.services.jobs import JobBoard
@@ -41,6 +42,7 @@ class ApiContext:
     registry: SessionRegistry
     hub: Hub
     ingest: IngestService
+    watch: BeaconWatch
     replays: ReplayService
     growth: GrowthService
     authenticator: Authenticator

@@ -6,8 +6,11 @@ from fastapi import Query, Response
 from pydantic import BaseModel, Field
 
 from app.api.auth import check_site
+from app.api.fix import iso_time
+from app.api.jobs import Job, job_view
 from app.api.radio_maps import RadioMap, radio_map_view
 from app.api.resource import Admin, Context, registry_router
+from app.services.growth import Look
 
 router = registry_router("/v1/sites", "radio maps")
 
@@ -29,38 +32,47 @@ class GrowthEffect(BaseModel):
     after_m: float | None = Field(description="Their mean error if you accepted")
 
 
-class Growth(BaseModel):
+class GrowthLook(BaseModel):
     """What the sessions kept aside would make of the radio map."""
 
-    waiting: int = Field(description="Sessions kept aside, undecided")
-    sessions: int = Field(description="Those of them that the map knows well enough to join")
+    looked_at: str
+    sessions: int = Field(description="Those that the map knows well enough to join")
     fingerprints: int
     places: list[GrownPlace]
     effect: GrowthEffect | None = Field(description="null: no session would join")
 
 
+class Growth(BaseModel):
+    """What is kept aside, and the newest look at it."""
+
+    waiting: int = Field(description="Sessions kept aside, undecided")
+    look: GrowthLook | None = Field(
+        description="null: nobody has looked since the site was changed or the server started"
+    )
+
+
 @router.get("/{site_id}/growth")
 async def get_growth(site_id: str, principal: Admin, context: Context) -> Growth:
-    """Look at what would change; the first look at new sessions may take a minute.
+    """Return how many sessions are kept aside, and what the newest look at them has shown."""
+    check_site(principal, site_id)
+    waiting = await context.growth.waiting(site_id)
+    look = context.growth.latest(site_id)
+    return Growth(waiting=waiting, look=None if look is None else _view(look))
 
-    Nothing of it is matched with before you accept.
+
+@router.post("/{site_id}/growth", status_code=202)
+async def look_at_growth(
+    site_id: str, principal: Admin, context: Context, response: Response
+) -> Job:
+    """Look, as a job, at what would change if you accepted.
+
+    The job's result is what `GET` then has as `look`. Nothing of it is matched with before you
+    accept.
     """
     check_site(principal, site_id)
-    seen = await context.growth.look(site_id)
-    places = [
-        GrownPlace(floor_id=p.floor_id, x=p.x_m, y=p.y_m, fingerprints=p.fingerprints)
-        for p in seen.places
-    ]
-    effect = seen.effect
-    return Growth(
-        waiting=seen.waiting,
-        sessions=seen.sessions,
-        fingerprints=seen.fingerprints,
-        places=places,
-        effect=None
-        if effect is None
-        else GrowthEffect(scans=effect.scans, before_m=effect.before_m, after_m=effect.after_m),
-    )
+    job = await context.growth.start(site_id)
+    response.headers["Location"] = f"/v1/jobs/{job.job_id}"
+    return job_view(job)
 
 
 @router.post("/{site_id}/growth/accept", status_code=201)
@@ -71,9 +83,10 @@ async def accept_growth(
     response: Response,
     activate: Annotated[bool, Query(description="Make the new version the active one")] = True,
 ) -> RadioMap:
-    """Make a new version of the radio map with the sessions that would join.
+    """Make a new version of the radio map with the sessions that the newest look found to join.
 
-    The version before stays as it is. Sessions that did not join stay aside.
+    It is refused (409) if nobody has looked, or what was looked at has changed. The version before
+    stays as it is. Sessions that did not join stay aside.
     """
     check_site(principal, site_id)
     stored = await context.growth.accept(site_id, context.clock.now_s(), activate=activate)
@@ -86,3 +99,7 @@ async def discard_growth(site_id: str, principal: Admin, context: Context) -> No
     """Forget all sessions kept aside; they are not taken again."""
     check_site(principal, site_id)
     await context.growth.discard(site_id, context.clock.now_s())
+
+
+def _view(look: Look) -> GrowthLook:
+    return GrowthLook.model_validate({**look.document(), "looked_at": iso_time(look.looked_s)})

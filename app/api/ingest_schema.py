@@ -6,7 +6,7 @@ Ranges are wide enough for every phone and narrow enough to catch a wrong unit.
 
 from typing import Annotated, Literal, TypeAlias
 
-from msgspec import Meta, Raw, Struct, field
+from msgspec import UNSET, Meta, Raw, Struct, UnsetType, field
 
 MAX_RECORDS = 5000
 MAX_SAMPLES = 2000
@@ -70,6 +70,16 @@ class AltBeacon(Struct):
     id: Annotated[str, Meta(max_length=64)]
 
 
+class Telemetry(Struct):
+    """What a beacon tells of itself; it changes no position."""
+
+    battery_percent: Annotated[float, Meta(ge=0, le=100)] | None = None
+    battery_mv: Annotated[float, Meta(ge=0, le=60_000, description="0: not told.")] | None = None
+    temperature_c: Annotated[float, Meta(ge=-128, le=128, description="-128: not told.")] | None = (
+        None
+    )
+
+
 class HeardBeacon(Struct):
     """One BLE transmitter heard; at least one identity is needed."""
 
@@ -83,6 +93,17 @@ class HeardBeacon(Struct):
         None
     )
     n: Count | None = None
+    # Unset, they are not in a batch's digest: a retry to a server that knows no telemetry yet, or
+    # knew none when the batch came first, is still the same batch.
+    telemetry: Telemetry | UnsetType | None = UNSET
+    tlm: (
+        Annotated[
+            str,
+            Meta(max_length=64, description="Eddystone-TLM frame (service contents), hexadecimal."),
+        ]
+        | UnsetType
+        | None
+    ) = UNSET
 
 
 class Timed(Struct):

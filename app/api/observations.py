@@ -1,7 +1,7 @@
 """Records to core observations: canonical transmitter keys, core units, the phone's own time."""
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from enum import StrEnum
 from typing import Any
 
@@ -16,6 +16,7 @@ from app.api.ingest_schema import (
     PedometerRecord,
     Record,
     StepRecord,
+    Telemetry,
     Timed,
     TruthRecord,
     WifiRecord,
@@ -23,6 +24,7 @@ from app.api.ingest_schema import (
 from app.core.geometry import wrap_angle
 from app.core.types import (
     Barometer,
+    BeaconTelemetry,
     BleScan,
     FloatArray,
     ImuBlock,
@@ -32,6 +34,7 @@ from app.core.types import (
     Truth,
     WifiScan,
 )
+from app.formats.eddystone_tlm import NO_TEMPERATURE_DEGC, tlm_telemetry
 from app.formats.transmitters import altbeacon_key, eddystone_key, ibeacon_key, mac_key
 from app.sessions.batch import IncomingRecord
 
@@ -108,11 +111,35 @@ def _wifi(index: int, record: WifiRecord) -> IncomingRecord:
 def _ble(index: int, record: BleRecord) -> IncomingRecord:
     time_s, monotonic = _instant(record)
     readings: dict[Reading, None] = {}
+    telemetry: list[BeaconTelemetry] = []
     for i, heard in enumerate(record.beacons):
         keys = tuple(_beacon_keys(heard, f"/beacons/{i}"))
+        telemetry += _telemetry(keys, heard, f"/beacons/{i}")
         if keys and not _is_absent(heard.rssi):
             readings[Reading(keys, heard.rssi, heard.age_ms / 1000.0)] = None
-    return IncomingRecord(index, BleScan(time_s, tuple(readings)), monotonic)
+    scan = BleScan(time_s, tuple(readings))
+    return IncomingRecord(index, scan, monotonic, tuple(telemetry))
+
+
+def _telemetry(
+    keys: tuple[str, ...], heard: HeardBeacon, pointer: str
+) -> Iterator[BeaconTelemetry]:
+    """Yield what a beacon told of itself: by its frame, and as the app has read it."""
+    if isinstance(heard.tlm, str):
+        try:
+            frame = tlm_telemetry(keys, heard.tlm)
+        except ValueError as error:
+            raise Refusal(RecordCode.WRONG_FORMAT, f"{pointer}/tlm", str(error)) from error
+        if frame is not None:
+            yield frame
+    if isinstance(heard.telemetry, Telemetry):
+        told = heard.telemetry
+        yield BeaconTelemetry(
+            keys,
+            told.battery_percent,
+            told.battery_mv / 1000.0 if told.battery_mv else None,
+            None if told.temperature_c == NO_TEMPERATURE_DEGC else told.temperature_c,
+        )
 
 
 def _step(index: int, record: StepRecord) -> IncomingRecord:

@@ -1,12 +1,13 @@
 """What the routes of every registry resource share: strict fields, ids, dependencies, replies."""
 
+import re
 from collections.abc import Callable, Coroutine
 from typing import Annotated, Any, TypeVar
 from uuid import uuid4
 
 from fastapi import APIRouter, Depends, HTTPException, Request, Response
 from fastapi.routing import APIRoute
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, AwareDatetime, BaseModel, BeforeValidator, ConfigDict, Field
 from starlette.types import Message, Receive
 
 from app.api.auth import READERS, Principal, Role, check_site, require
@@ -46,6 +47,14 @@ def _known_profile(name: str) -> str:
     return name
 
 
+def _has_date_and_time(text: str) -> str:
+    if not re.match(r"\d{4}-\d{2}-\d{2}[Tt ]", text):
+        msg = "an RFC 3339 time, as 2026-01-31T12:00:00Z"
+        raise ValueError(msg)
+    return text
+
+
+Instant = Annotated[AwareDatetime, BeforeValidator(_has_date_and_time)]
 ProfileName = Annotated[
     str,
     AfterValidator(_known_profile),

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 from fastapi import Depends, Query, Request, Response
 from fastapi.responses import JSONResponse
-from pydantic import AwareDatetime, BeforeValidator, WithJsonSchema
+from pydantic import BeforeValidator, WithJsonSchema
 
 from app.api.auth import check_site
 from app.api.context import ApiContext
@@ -16,7 +16,7 @@ from app.api.fix import fix_json, iso_time
 from app.api.fix_openapi import FIXES_REPLY, TRACK_REPLY
 from app.api.negotiation import best_type
 from app.api.paging import decode_cursor, encode_cursor
-from app.api.resource import Context, Reader, registry_router
+from app.api.resource import Context, Instant, Reader, registry_router
 from app.api.track_formats import track_csv, track_geojson, track_gpx
 from app.core.types import TrackPoint
 from app.services.errors import AppError, ErrorCode, found, invalid_field
@@ -38,13 +38,6 @@ _TRACK_KEY = re.compile(r"(\d{1,17}) ([\w-]+)", re.ASCII)
 _SPAN = re.compile(r"(\d{1,6}(?:\.\d{1,3})?)(ms|s|m|h)")
 
 
-def _has_date_and_time(text: str) -> str:
-    if not re.match(r"\d{4}-\d{2}-\d{2}[Tt ]", text):
-        msg = "an RFC 3339 time, as 2026-01-31T12:00:00Z"
-        raise ValueError(msg)
-    return text
-
-
 def _span_s(text: str) -> float:
     match = _SPAN.fullmatch(text)
     span_s = float(match[1]) * _UNIT_S[match[2]] if match else 0.0
@@ -54,7 +47,6 @@ def _span_s(text: str) -> float:
     return span_s
 
 
-Instant = Annotated[AwareDatetime, BeforeValidator(_has_date_and_time)]
 Span = Annotated[
     float,
     BeforeValidator(_span_s),

@@ -4,21 +4,27 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Annotated
 
-import msgspec
 import typer
-from rich.console import Console
-from rich.markup import escape
-from rich.table import Table
 
 from app.api.beacon_tables import checked_rows
 from app.api.beacons import beacon_view
+from app.cli.calibrate_report import print_draft, print_report
+from app.cli.calibrate_source import (
+    AskedSource,
+    DeviceOption,
+    SessionOption,
+    SurveyOption,
+    TraceOption,
+    drafted_levels,
+)
 from app.cli.errors import CommandError
 from app.cli.evaluate_output import JsonOption
+from app.cli.local import DatabaseOption
 from app.core.types import Anchor
 from app.formats.beacons_csv import BeaconTableError, read_beacons_csv, write_beacons_csv
 from app.formats.labelled_levels_csv import LevelTableError, read_levels_csv
-from app.services.beacon_calibration import FloorCalibration, PositionError
 from app.services.beacon_calibration import calibrate_floor as calibrate
+from app.services.calibration_drafts import LEVELS
 from app.services.calibration_sources import LabelledLevel, listed, registered_names
 from app.services.errors import AppError
 from app.storage.beacons import StoredBeacon
@@ -26,23 +32,49 @@ from app.storage.beacons import StoredBeacon
 SITE = "table"
 
 
-def calibrate_beacons(
+def calibrate_beacons(  # noqa: PLR0913 - one parameter per option
     beacons: Annotated[
-        Path, typer.Argument(metavar="BEACONS.csv", help="One floor's beacons, as exported.")
-    ],
+        Path | None,
+        typer.Argument(metavar="BEACONS.csv", help="One floor's beacons, as exported."),
+    ] = None,
     levels: Annotated[
-        Path, typer.Argument(metavar="LEVELS.csv", help="x, y, rssi_dbm, beacon_id or key.")
-    ],
+        Path | None,
+        typer.Argument(metavar="LEVELS.csv", help="x, y, rssi_dbm, beacon_id or key."),
+    ] = None,
     out: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="Write the beacons with the new values, to import."),
     ] = None,
+    floor: Annotated[
+        str | None,
+        typer.Option(metavar="ID", help="Instead of tables: a floor of the database."),
+    ] = None,
+    survey: SurveyOption = None,
+    device: DeviceOption = None,
+    session: SessionOption = None,
+    trace: TraceOption = None,
     json_file: JsonOption = None,
+    database: DatabaseOption = None,
 ) -> None:
     """Fit the level models of a floor's beacons and phones' offsets, as the server does.
 
-    The registry is not touched; import what --out writes.
+    Of two tables, or of a floor of the database and one source: a survey, a session with truth
+    records, or recorded traces. The registry is not touched: import what --out writes, or apply the
+    draft that --floor makes.
     """
+    source = AskedSource(survey, device, session, tuple(trace or ()))
+    if floor is not None and beacons is None:
+        print_draft(drafted_levels(database, floor, source), json_file)
+        return
+    if beacons is None or levels is None or floor is not None or source.is_named:
+        msg = "either BEACONS.csv and LEVELS.csv, or --floor and a source, are needed"
+        raise CommandError(msg, 2)
+    _calibrate_tables(beacons, levels, out, json_file)
+
+
+def _calibrate_tables(
+    beacons: Path, levels: Path, out: Path | None, json_file: Path | None
+) -> None:
     stored = _beacons(beacons)
     anchors = [anchor for beacon in stored if (anchor := _anchor(beacon)) is not None]
     try:
@@ -55,13 +87,7 @@ def calibrate_beacons(
         after = {beacon.beacon_id: asdict(beacon.after) for beacon in found.beacons}
         fitted = [replace(beacon, **after.get(beacon.beacon_id, {})) for beacon in stored]
         _write(out, write_beacons_csv(beacon_view(b).model_dump() for b in fitted).encode())
-    text = msgspec.json.format(msgspec.json.encode(asdict(found))) + b"\n"
-    if json_file == Path("-"):
-        typer.echo(text.decode(), nl=False)
-        return
-    if json_file is not None:
-        _write(json_file, text)
-    _print(found)
+    print_report(LEVELS, asdict(found), json_file)
 
 
 def _beacons(path: Path) -> list[StoredBeacon]:
@@ -120,32 +146,3 @@ def _write(path: Path, content: bytes) -> None:
     except OSError as error:
         msg = f"{path} cannot be written: {error.strerror}"
         raise CommandError(msg) from error
-
-
-def _print(found: FloorCalibration) -> None:
-    console = Console()
-    table = Table(title=f"{len(found.beacons)} beacons")
-    table.add_column("beacon", no_wrap=True)
-    for heading in ("levels", "dBm at d*", "exponent", "residual dB"):
-        table.add_column(heading, justify="right")
-    table.add_column("warnings", overflow="fold")
-    for beacon in found.beacons:
-        residual_db = beacon.after_residual_db
-        table.add_row(
-            escape(beacon.beacon_id),
-            str(beacon.levels),
-            f"{beacon.after.ref_level_dbm:.1f}",
-            f"{beacon.after.path_loss_exponent:.2f}",
-            "" if residual_db is None else f"{residual_db:.1f}",
-            " ".join(beacon.warnings),
-        )
-    console.print(table)
-    for phone in found.phones if len(found.phones) > 1 else ():
-        console.print(f"{escape(phone.device_id)} hears {phone.offset_db:+.1f} dB")
-    console.print(
-        f"Mean error at places left out: {_told(found.before)} before, {_told(found.after)} after"
-    )
-
-
-def _told(error: PositionError) -> str:
-    return "unknown" if error.mean_error_m is None else f"{error.mean_error_m:.2f} m"

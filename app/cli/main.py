@@ -32,6 +32,7 @@ cli = typer.Typer(
                 "app.cli.radio_map:radio_map_commands",
                 "Build, compare, activate and carry radio maps.",
             ),
+            "growth": ("app.cli.growth:growing", "Let a radio map grow from use."),
             "token": ("app.cli.token:tokens", "Make, list and revoke access tokens."),
             "migrate": ("app.cli.migrate:migrate", "Bring the database to this version's schema."),
         }

@@ -12,6 +12,32 @@ def wrap_angle(angle_rad: float) -> float:
     return (angle_rad + np.pi) % (2.0 * np.pi) - np.pi
 
 
+CHI2_95 = 5.991
+"""Of two degrees of freedom: 95 of 100 places lie within this squared Mahalanobis distance."""
+
+
+@dataclass(frozen=True, slots=True)
+class Ellipse:
+    """Half the long and the short axis, and the long one's direction from +x, in [0, pi)."""
+
+    major_m: float
+    minor_m: float
+    direction_rad: float
+
+
+def ellipse95(covariance_m2: tuple[float, float, float]) -> Ellipse:
+    """Return the ellipse that holds a place in 95 of 100 cases.
+
+    ``(p - m)' C^-1 (p - m) = 5.991``: half axes ``sqrt(5.991 lambda_i)`` along the eigenvectors of
+    the covariance ``(xx, xy, yy)``.
+    """
+    xx, xy, yy = covariance_m2
+    values, vectors = np.linalg.eigh(np.array([[xx, xy], [xy, yy]]))
+    minor_m, major_m = np.sqrt(CHI2_95 * np.maximum(values, 0.0))
+    direction_rad = np.arctan2(vectors[1, 1], vectors[0, 1]) % np.pi
+    return Ellipse(float(major_m), float(minor_m), float(direction_rad))
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Walkable:
     """Distance to the nearest walkable place, on a square grid.

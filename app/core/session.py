@@ -170,14 +170,19 @@ def event_times(batches: Iterable[LoggedBatch], clock: SessionClock) -> Iterator
     beyond the age limits.
     """
     for batch in batches:
-        if batch.monotonic is None:
-            yield from batch.observations
-            continue
-        monotonic = batch.monotonic or (False,) * len(batch.observations)
-        for observation, by_mono in zip(batch.observations, monotonic, strict=True):
-            timed = in_event_time(observation, clock, batch.received_s, monotonic=by_mono)
+        for timed in each_in_event_time(batch, clock):
             if not isinstance(timed, Untimed):
                 yield timed
+
+
+def each_in_event_time(batch: LoggedBatch, clock: SessionClock) -> Iterator[Observation | Untimed]:
+    """Yield each observation of a logged batch in event time, or why it has none."""
+    if batch.monotonic is None:
+        yield from batch.observations
+        return
+    monotonic = batch.monotonic or (False,) * len(batch.observations)
+    for observation, by_mono in zip(batch.observations, monotonic, strict=True):
+        yield in_event_time(observation, clock, batch.received_s, monotonic=by_mono)
 
 
 def in_event_time(

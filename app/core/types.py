@@ -88,6 +88,19 @@ class BleScan:
 
 
 @dataclass(frozen=True, slots=True)
+class BeaconTelemetry:
+    """What a beacon tells of itself, such as an Eddystone-TLM frame; no estimator sees it.
+
+    ``keys`` are as of a `Reading`. None: it did not tell.
+    """
+
+    keys: tuple[str, ...]
+    battery_percent: float | None = None
+    battery_v: float | None = None
+    temperature_degc: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class Steps:
     """Steps told by the phone's own detector.
 

@@ -3,7 +3,9 @@
 Columns, in any order: ``beacon_id``, ``kind`` (ble or wifi), ``floor_id``, ``x``, ``y`` (metres in
 the site frame) and ``keys`` (separated by blanks) are needed; instead of ``keys`` a row may have
 ``mac``, or ``uuid``, ``major`` and ``minor``, or all of them. ``name``, ``z``, ``ref_level_dbm``,
-``ref_distance_m``, ``path_loss_exponent`` and ``shadowing_db`` may be left out or empty.
+``ref_distance_m``, ``path_loss_exponent`` and ``shadowing_db`` may be left out or empty. What
+traffic says of a beacon (``last_heard_at``, ``battery_percent``, ``battery_v``, ``temperature_c``)
+is written and never read.
 """
 
 import csv
@@ -24,6 +26,7 @@ NUMBERS = (
     "shadowing_db",
 )
 COLUMNS = ("beacon_id", "kind", "name", "floor_id", *NUMBERS, "keys")
+HEALTH_COLUMNS = ("last_heard_at", "battery_percent", "battery_v", "temperature_c")
 KEY_COLUMNS = ("mac", "uuid", "major", "minor")
 
 MAX_ROWS = 100_000
@@ -69,11 +72,21 @@ def read_beacons_csv(text: str) -> Iterator[BeaconRow]:
 def write_beacons_csv(rows: Iterable[Mapping[str, Any]]) -> str:
     """Return the table of beacons given as fields of the API, as `read_beacons_csv` takes it."""
     out = io.StringIO()
-    writer = csv.DictWriter(out, COLUMNS, extrasaction="ignore", lineterminator="\n")
+    columns = (*COLUMNS, *HEALTH_COLUMNS)
+    writer = csv.DictWriter(out, columns, extrasaction="ignore", lineterminator="\n")
     writer.writeheader()
     for row in rows:
-        writer.writerow({**row, "keys": " ".join(row["keys"])})
+        writer.writerow({**row, **_health(row), "keys": " ".join(row["keys"])})
     return out.getvalue()
+
+
+def _health(row: Mapping[str, Any]) -> dict[str, Any]:
+    battery = row.get("battery") or {}
+    return {
+        "battery_percent": battery.get("percent"),
+        "battery_v": battery.get("voltage_v"),
+        "temperature_c": battery.get("temperature_c"),
+    }
 
 
 def _check_header(names: Iterable[str]) -> None:
@@ -81,7 +94,7 @@ def _check_header(names: Iterable[str]) -> None:
     missing = {"beacon_id", "kind", "floor_id", "x", "y"} - present
     if not present & {"keys", "mac", "uuid"}:
         missing.add("keys")
-    unknown = present - {*COLUMNS, *KEY_COLUMNS}
+    unknown = present - {*COLUMNS, *HEALTH_COLUMNS, *KEY_COLUMNS}
     if missing or unknown:
         words = [f"lacks {', '.join(sorted(missing))}"] if missing else []
         words += [f"has unknown {', '.join(sorted(unknown))}"] if unknown else []

@@ -1,7 +1,8 @@
 """Calibration of a floor's beacons: their level models and phones' offsets, from labelled epochs.
 
-The positioning error before and after is cross-validated: every fifth of the places is located
-with what the other four fifths calibrate, and never with itself.
+The positioning error before and after is cross-validated: every fifth of the walks, or of the
+places where the levels are not of several walks, is located with what the other four fifths
+calibrate, and never with itself.
 """
 
 from collections.abc import Sequence
@@ -14,9 +15,15 @@ from app.core.radio.calibration import (
     CalibrationParams,
     LabelledLevels,
     calibrated,
+    joined_levels,
     residuals_db,
 )
-from app.core.radio.cross_validation import careful, folds_by_place
+from app.core.radio.cross_validation import (
+    CrossValidation,
+    careful,
+    folds_by_place,
+    folds_by_walk,
+)
 from app.core.radio.path_loss import level_model
 from app.core.radio.wall_losses import loss_map_db, wall_losses_db
 from app.core.radio.windows import window_of
@@ -31,6 +38,8 @@ MIN_LEVELS = 30
 
 DETERMINED_SHARE = 0.5
 """An anchor's number of which its own readings tell less is more the floor's mean than its own."""
+
+WALKS, PLACES = "walks", "places"
 
 NEVER_HEARD = "never_heard"
 LEVEL_FROM_MEAN = "level_from_mean"
@@ -93,7 +102,10 @@ class PositionError:
 
 @dataclass(frozen=True, slots=True)
 class FloorCalibration:
-    """What labelled epochs tell of a floor."""
+    """What labelled epochs tell of a floor.
+
+    ``left_out`` says what was left out at once in cross-validation: `WALKS` or `PLACES`.
+    """
 
     beacons: tuple[CalibratedBeacon, ...]
     phones: tuple[CalibratedPhone, ...]
@@ -102,6 +114,7 @@ class FloorCalibration:
     residual_db: float
     before: PositionError
     after: PositionError
+    left_out: str
 
 
 def calibrate_floor(
@@ -128,6 +141,14 @@ def calibrate_floor(
     return work.report()
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _LeftOut:
+    """Levels of one fold less what the other folds expect, (readings,) each."""
+
+    anchor_index: IntArray
+    residual_db: FloatArray
+
+
 class _Work:
     """One calibration's arrays, made once."""
 
@@ -143,39 +164,40 @@ class _Work:
         self._faces = np.array(
             [(w.x0_m, w.y0_m, w.x1_m, w.y1_m, w.attenuation_db) for w in walls]
         ).reshape(-1, 5)
-        ids = [anchor.anchor_id for anchor in anchors]
-        heard = labelled_levels(epochs, ids, self._phones)
-        if len(heard.x_m) < MIN_LEVELS:
+        self._ids = [anchor.anchor_id for anchor in anchors]
+        self._levels = self._heard_in(epochs)
+        if len(self._levels.x_m) < MIN_LEVELS:
             detail = (
-                f"{len(heard.x_m)} levels of this floor's beacons at known places (each counts "
-                f"once per place of 1 m); at least {MIN_LEVELS} are needed"
+                f"{len(self._levels.x_m)} levels of this floor's beacons at known places (each "
+                f"counts once per place of 1 m); at least {MIN_LEVELS} are needed"
             )
             raise AppError(ErrorCode.INVALID_FIELD, detail)
-        self._levels = self._unobstructed(heard)
         self._losses = tuple(loss_map_db(self._faces, (a.x_m, a.y_m)) for a in self._anchors)
-        self._index = {anchor_id: i for i, anchor_id in enumerate(ids)}
+        self._index = {anchor_id: i for i, anchor_id in enumerate(self._ids)}
 
     def report(self) -> FloorCalibration:
         """Fit all, check by folds, and tell."""
         try:
-            fit, checked = careful(self._levels, self._anchors, self._params)
+            fit, checked = self._fit(self._epochs)
         except ValueError as error:
             raise AppError(ErrorCode.INVALID_FIELD, str(error)) from error
-        residual_db, after_m = self._left_out()
+        left_out, after_m = self._left_out()
         before_m = self._errors_m(self._anchors, np.zeros(len(self._phones)), self._all_epochs())
         both = ~np.isnan(after_m) & ~np.isnan(before_m)
         return FloorCalibration(
-            beacons=self._beacons(fit, checked.is_own_better, residual_db),
+            beacons=self._beacons(fit, checked.is_own_better, left_out),
             phones=self._told_phones(fit),
             mean_ref_level_dbm=fit.mean_ref_level_dbm,
             mean_exponent=fit.mean_exponent,
             residual_db=fit.residual_db,
             before=_position_error(before_m[both]),
             after=_position_error(after_m[both]),
+            left_out=WALKS if _are_of_walks(self._epochs) else PLACES,
         )
 
-    def _unobstructed(self, heard: LabelledLevels) -> LabelledLevels:
-        """Return the levels that would be heard without the walls."""
+    def _heard_in(self, epochs: Sequence[LabelledEpoch]) -> LabelledLevels:
+        """Return the levels of some epochs, as they would be heard without the walls."""
+        heard = labelled_levels(epochs, self._ids, self._phones)
         rssi_dbm = heard.rssi_dbm.copy()
         for i, anchor in enumerate(self._anchors):
             own = heard.anchor_index == i
@@ -183,28 +205,37 @@ class _Work:
             rssi_dbm[own] += wall_losses_db(self._faces, place_m, heard.x_m[own], heard.y_m[own])
         return replace(heard, rssi_dbm=rssi_dbm)
 
-    def _left_out(self) -> tuple[FloatArray, FloatArray]:
-        """Return residuals (levels,) and errors (epochs,) of what the other folds calibrate."""
-        levels, epochs = self._levels, self._epochs
-        residual_db = np.full(len(levels.x_m), np.nan)
-        errors_m = np.full(len(epochs), np.nan)
-        fold = folds_by_place(levels.x_m, levels.y_m)
-        epoch_fold = folds_by_place(
-            np.array([e.x_m for e in epochs]), np.array([e.y_m for e in epochs])
-        )
+    def _fit(self, epochs: Sequence[LabelledEpoch]) -> tuple[Calibration, CrossValidation]:
+        proof = self._by_walk(epochs) if _are_of_walks(epochs) else None
+        return careful(self._heard_in(epochs), self._anchors, self._params, proof)
+
+    def _by_walk(self, epochs: Sequence[LabelledEpoch]) -> tuple[LabelledLevels, IntArray]:
+        """Return levels each of which is of one walk, and their folds."""
+        walks = sorted({epoch.walk for epoch in epochs})
+        heard = [self._heard_in([e for e in epochs if e.walk == walk]) for walk in walks]
+        names = [name for name, own in zip(walks, heard, strict=True) for _ in own.x_m]
+        return joined_levels(heard), folds_by_walk(names)
+
+    def _left_out(self) -> tuple[list[_LeftOut], FloatArray]:
+        """Return residuals and errors (epochs,) of what the other folds calibrate."""
+        fold = _folds_of(self._epochs)
+        told: list[_LeftOut] = []
+        errors_m = np.full(len(self._epochs), np.nan)
         for k in np.unique(fold):
-            left_out = fold == k
+            here = np.flatnonzero(fold == k)
+            others = np.flatnonzero(fold != k).tolist()
             try:
-                fit, _ = careful(levels.of(~left_out), self._anchors, self._params)
+                fit, _ = self._fit([self._epochs[i] for i in others])
             except ValueError:
                 continue
             unheard = np.zeros(len(self._phones) - len(fit.offset_db))
             fit = replace(fit, offset_db=np.concatenate([fit.offset_db, unheard]))
-            asked = levels.of(left_out)
-            residual_db[left_out] = residuals_db(asked, self._anchors, fit, self._params)
-            anchors, here = calibrated(self._anchors, fit), np.flatnonzero(epoch_fold == k)
+            asked = self._heard_in([self._epochs[i] for i in here.tolist()])
+            residual_db = residuals_db(asked, self._anchors, fit, self._params)
+            told.append(_LeftOut(asked.anchor_index, residual_db))
+            anchors = calibrated(self._anchors, fit)
             errors_m[here] = self._errors_m(anchors, fit.offset_db, here)[here]
-        return residual_db, errors_m
+        return told, errors_m
 
     def _all_epochs(self) -> IntArray:
         return np.arange(len(self._epochs))
@@ -230,7 +261,7 @@ class _Work:
         return errors_m
 
     def _beacons(
-        self, fit: Calibration, is_own_better: BoolArray, after_db: FloatArray
+        self, fit: Calibration, is_own_better: BoolArray, left_out: Sequence[_LeftOut]
     ) -> tuple[CalibratedBeacon, ...]:
         registered = replace(
             fit,
@@ -256,7 +287,7 @@ class _Work:
                     ),
                     after,
                     _root_mean_square(before_db[own]),
-                    _root_mean_square(after_db[own]),
+                    _root_mean_square(_residuals_of(left_out, i)),
                     _warnings(fit, i, self._params, is_own_better=bool(is_own_better[i])),
                 )
             )
@@ -269,6 +300,23 @@ class _Work:
             for p, device_id in enumerate(self._phones)
             if count[p]
         )
+
+
+def _are_of_walks(epochs: Sequence[LabelledEpoch]) -> bool:
+    """Tell whether there are whole walks to leave out: two at least, and nothing else."""
+    walks = {epoch.walk for epoch in epochs}
+    return len(walks) > 1 and "" not in walks
+
+
+def _folds_of(epochs: Sequence[LabelledEpoch]) -> IntArray:
+    if _are_of_walks(epochs):
+        return folds_by_walk([epoch.walk for epoch in epochs])
+    return folds_by_place(np.array([e.x_m for e in epochs]), np.array([e.y_m for e in epochs]))
+
+
+def _residuals_of(left_out: Sequence[_LeftOut], i: int) -> FloatArray:
+    own = [fold.residual_db[fold.anchor_index == i] for fold in left_out]
+    return np.concatenate([*own, np.empty(0)])
 
 
 def _warnings(

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 
 from sqlalchemy import Connection
 
-from app.services.errors import found, invalid_field
+from app.services.errors import AppError, ErrorCode, found, invalid_field
 from app.services.writing import SeenVersions, check_seen, write
 from app.storage import beacons, floors, sites
 from app.storage.beacons import StoredBeacon
@@ -18,6 +18,7 @@ async def create_beacon(database: Database, beacon: StoredBeacon) -> StoredBeaco
     def statement(connection: Connection) -> StoredBeacon:
         found(sites.get_site(connection, beacon.site_id), "site", beacon.site_id)
         _check_floor(connection, beacon)
+        _check_keys(connection, beacon)
         beacons.insert_beacon(connection, beacon)
         sites.touch_model(connection, beacon.site_id)
         return beacon
@@ -36,6 +37,7 @@ async def edit_beacon(
     def statement(connection: Connection) -> StoredBeacon:
         edited = edit(_seen_beacon(connection, beacon_id, seen))
         _check_floor(connection, edited)
+        _check_keys(connection, edited)
         version = beacons.update_beacon(connection, edited)
         sites.touch_model(connection, edited.site_id)
         return replace(edited, row_version=version)
@@ -57,10 +59,7 @@ async def edit_beacons(
         for beacon in edited:
             _check_floor(connection, beacon)
             beacons.drop_keys(connection, beacon.beacon_id)
-        stored = [
-            replace(beacon, row_version=beacons.update_beacon(connection, beacon))
-            for beacon in edited
-        ]
+        stored = [_updated(connection, beacon) for beacon in edited]
         for site_id in {beacon.site_id for beacon in stored}:
             sites.touch_model(connection, site_id)
         return stored
@@ -204,7 +203,20 @@ def _check_floor(connection: Connection, beacon: StoredBeacon) -> None:
         )
 
 
+def _check_keys(connection: Connection, beacon: StoredBeacon) -> None:
+    owners = beacons.beacon_ids_by_key(connection, beacon.site_id, beacon.keys)
+    for key in beacon.keys:
+        if owners.get(key, beacon.beacon_id) != beacon.beacon_id:
+            detail = f"{key} is already a key of beacon {owners[key]!r}"
+            raise AppError(ErrorCode.CONFLICT, detail)
+
+
+def _updated(connection: Connection, beacon: StoredBeacon) -> StoredBeacon:
+    _check_keys(connection, beacon)
+    return replace(beacon, row_version=beacons.update_beacon(connection, beacon))
+
+
 def _seen_beacon(connection: Connection, beacon_id: str, seen: SeenVersions) -> StoredBeacon:
     beacon = found(beacons.get_beacon(connection, beacon_id), "beacon", beacon_id)
-    check_seen(seen, beacon.row_version)
+    check_seen(seen, beacon.row_version, f"beacon {beacon_id!r}")
     return beacon

@@ -5,8 +5,10 @@ before stays as it is, to go back to.
 """
 
 import asyncio
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 from sqlalchemy import Connection
@@ -27,10 +29,13 @@ from app.core.session import SessionRecord
 from app.core.site import SiteModel
 from app.core.types import Observation, WifiScan
 from app.services.errors import AppError, ErrorCode, found
+from app.services.job_lane import JobLane
+from app.services.jobs import JobBoard
 from app.services.site import SiteDirectory
 from app.services.writing import write
 from app.storage import quarantine, radio_maps
 from app.storage.database import Database
+from app.storage.jobs import StoredJob
 from app.storage.log import SqlObservationLog, logged_bytes
 from app.storage.radio_maps import RadioMapOrigin, StoredRadioMap
 from app.storage.sites import get_site
@@ -41,14 +46,13 @@ MAX_SESSION_BYTES = 32 << 20
 MAX_SESSIONS = 300
 """Looked at together, the newest first: about a minute of one core."""
 
+KIND = "map growth"
+
 CELL_M = 5.0
 """Edge of the cells in which growth is told: tracks are known to some metres."""
 
 SESSIONS_AT_ONCE = 5
 """Taken aside in one round of housekeeping: the next one comes soon."""
-
-# What is asked for now is mostly there by then.
-_RETRY_AFTER_S = 10
 
 # Whatever profile a session had: published ones have no smoother.
 _PARAMS = PROFILES["best"].params
@@ -64,87 +68,109 @@ class GrownPlace:
     fingerprints: int
 
 
-@dataclass(frozen=True, slots=True)
-class Growth:
-    """What the sessions kept aside would make of the map.
+@dataclass(frozen=True, slots=True, eq=False)
+class Look:
+    """What the sessions kept aside would make of the map, as it was at one time.
 
     Attributes
     ----------
-    waiting
-        Sessions kept aside, those that are too strange to the map yet too.
-    sessions, fingerprints, places
-        Those that would join, their fingerprints, and where.
-    effect
-        What they would change; None where none would join.
+    version
+        The site's ``model_version`` that it was taken of.
+    asked
+        Ids of the sessions looked at, those that are too strange to the map yet too.
+    joining
+        Those that would join.
+    radio_map
+        The map grown by them; None where none would join.
+    effect, places
+        What they would change, and where.
     """
 
-    waiting: int
-    sessions: int
-    fingerprints: int
-    places: tuple[GrownPlace, ...]
-    effect: GrowthEffect | None
+    site_id: str
+    version: int
+    looked_s: float
+    asked: tuple[str, ...]
+    joining: tuple[GrownSession, ...] = ()
+    radio_map: RadioMap | None = None
+    effect: GrowthEffect | None = None
+    places: tuple[GrownPlace, ...] = ()
 
+    @property
+    def fingerprints(self) -> int:
+        """Return how many fingerprints the map would gain."""
+        return sum(len(session.candidates) for session in self.joining)
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Outcome:
-    """A map that grew, of the site's ``model_version`` and these sessions kept aside."""
-
-    key: tuple[int, tuple[str, ...]]
-    sessions: tuple[GrownSession, ...]
-    radio_map: RadioMap | None
-    effect: GrowthEffect | None
+    def document(self) -> dict[str, Any]:
+        """Return what an admin is told of it, as JSON."""
+        return {
+            "sessions": len(self.joining),
+            "fingerprints": self.fingerprints,
+            "places": [
+                {"floor_id": p.floor_id, "x": p.x_m, "y": p.y_m, "fingerprints": p.fingerprints}
+                for p in self.places
+            ],
+            "effect": None if self.effect is None else asdict(self.effect),
+        }
 
 
 class GrowthService:
-    """Looks at what is kept aside, one site at a time: what phones post now comes first."""
+    """Looks at what is kept aside, as jobs, and accepts or discards it.
 
-    def __init__(self, database: Database, directory: SiteDirectory) -> None:
+    The newest look at each site is remembered: it is what an admin accepts.
+    """
+
+    def __init__(self, database: Database, directory: SiteDirectory, board: JobBoard) -> None:
         self._database = database
         self._directory = directory
-        self._turn = asyncio.Lock()
-        self._latest: dict[str, _Outcome] = {}
+        self._board = board
+        self._lane = JobLane(board, KIND)
+        self._latest: dict[str, Look] = {}
 
-    async def look(self, site_id: str) -> Growth:
-        """Return what would change if an admin accepted.
+    async def start(self, site_id: str) -> StoredJob:
+        """Begin a look at a site and return its job; its result is what would change.
 
         Raises
         ------
         AppError
-            If there is no such site, or another look is being taken.
+            If there is no such site.
         """
-        outcome = await self._outcome(site_id)
-        waiting = await self._database.read(partial(quarantine.count_quarantined, site_id=site_id))
-        rows = [c.fingerprint for session in outcome.sessions for c in session.candidates]
-        model = found(self._directory.current(site_id), "site", site_id)
-        return Growth(
-            waiting, len(outcome.sessions), len(rows), _places(outcome, model), outcome.effect
-        )
+        found(self._directory.current(site_id), "site", site_id)
+        return await self._lane.start(site_id, self._look)
+
+    async def settle(self) -> None:
+        """Wait until all looks asked for by now have ended."""
+        await self._lane.settle()
+
+    async def close(self) -> None:
+        """Give up what has not ended."""
+        await self._lane.close()
+
+    async def waiting(self, site_id: str) -> int:
+        """Return how many sessions of a site are kept aside, undecided."""
+        found(self._directory.current(site_id), "site", site_id)
+        return await self._database.read(partial(quarantine.count_quarantined, site_id=site_id))
+
+    def latest(self, site_id: str) -> Look | None:
+        """Return the newest look at a site; None if there is none of the site as it is now."""
+        look, model = self._latest.get(site_id), self._directory.current(site_id)
+        return look if look and model and look.version == model.version else None
 
     async def accept(self, site_id: str, now_s: float, *, activate: bool) -> StoredRadioMap:
-        """Store the grown map as the site's next version, the active one if asked.
+        """Store the map of the newest look as the site's next version, the active one if asked.
 
         Sessions that are too strange to the map yet stay aside: with the grown one they may join.
 
         Raises
         ------
         AppError
-            If nothing would join, or the site was changed meanwhile.
+            If nobody has looked, nothing would join, or something was changed since the look.
         """
-        outcome = await self._outcome(site_id)
-        grown = outcome.radio_map
-        if grown is None or not outcome.sessions:
-            raise AppError(ErrorCode.CONFLICT, "no session kept aside would join the radio map")
-
-        def statement(connection: Connection) -> StoredRadioMap:
-            site = found(get_site(connection, site_id), "site", site_id)
-            if site.model_version != outcome.key[0]:
-                detail = "the site was changed meanwhile; look at its growth again"
-                raise AppError(ErrorCode.CONFLICT, detail)
-            origin = _origin(connection, site_id, outcome, now_s)
-            quarantine.decide(connection, [s.session_id for s in outcome.sessions], now_s)
-            return radio_maps.save_radio_map(connection, site_id, grown, origin, activate=activate)
-
-        stored = await write(self._database, statement)
+        found(self._directory.current(site_id), "site", site_id)
+        look = self.latest(site_id)
+        if look is None:
+            detail = "nobody has looked at the growth of this map yet, or it was changed since"
+            raise AppError(ErrorCode.CONFLICT, detail)
+        stored = await accept_look(self._database, look, now_s, activate=activate)
         self._latest.pop(site_id, None)
         await self._directory.refresh()
         return stored
@@ -153,25 +179,76 @@ class GrowthService:
         """Forget everything kept aside at a site; return how many sessions that were."""
         found(self._directory.current(site_id), "site", site_id)
         self._latest.pop(site_id, None)
-        return await write(
-            self._database, partial(quarantine.discard, site_id=site_id, decided_s=now_s)
-        )
+        return await discard_all(self._database, site_id, now_s)
 
-    async def _outcome(self, site_id: str) -> _Outcome:
-        if self._turn.locked():
-            detail = "another look at the growth of a map is being taken"
-            raise AppError(ErrorCode.TOO_MANY_REQUESTS, detail, retry_after_s=_RETRY_AFTER_S)
-        async with self._turn:
-            model = found(self._directory.current(site_id), "site", site_id)
-            sessions = await self._database.read(
-                partial(quarantine.quarantined, site_id=site_id, limit=MAX_SESSIONS)
-            )
-            key = model.version, tuple(session.session_id for session in sessions)
-            latest = self._latest.get(site_id)
-            if latest is None or latest.key != key:
-                latest = await asyncio.to_thread(_grown, key, sessions, model)
-                self._latest[site_id] = latest
-        return latest
+    async def _look(self, job: StoredJob) -> StoredJob:
+        running = replace(job, state="running", progress={"sessions": 0})
+        model = found(self._directory.current(job.site_id), "site", job.site_id)
+        sessions = await sessions_aside(self._database, job.site_id)
+        running = replace(running, progress={"sessions": len(sessions)})
+        await self._board.update(running)
+        look = self.latest(job.site_id)
+        if look is None or look.asked != tuple(session.session_id for session in sessions):
+            look = await asyncio.to_thread(taken_look, model, sessions, self._board.now_s)
+            self._latest[job.site_id] = look
+        return running.done(look.document(), self._board.now_s)
+
+
+async def sessions_aside(database: Database, site_id: str) -> list[FinishedSession]:
+    """Return the newest sessions kept aside at a site, as many as are looked at together."""
+    return await database.read(partial(quarantine.quarantined, site_id=site_id, limit=MAX_SESSIONS))
+
+
+def taken_look(model: SiteModel, sessions: list[FinishedSession], now_s: float) -> Look:
+    """Let a site's map grow by sessions, and tell what that changes; takes up to a minute."""
+    asked = tuple(session.session_id for session in sessions)
+    nothing = Look(model.site_id, model.version, now_s, asked)
+    if model.radio_map is None or not sessions:
+        return nothing
+    joining = grow(sessions, model, _PARAMS, GrowingParams())
+    if not joining:
+        return nothing
+    radio_map = grown_map(model.radio_map, joining, model)
+    return replace(
+        nothing,
+        joining=joining,
+        radio_map=radio_map,
+        effect=growth_effect(model.radio_map, radio_map, _PARAMS.match),
+        places=_places(joining, model),
+    )
+
+
+async def accept_look(
+    database: Database, look: Look, now_s: float, *, activate: bool
+) -> StoredRadioMap:
+    """Store the map of a look as the site's next version.
+
+    Raises
+    ------
+    AppError
+        If nothing would join, or the site or one of the sessions was changed since the look.
+    """
+    grown = look.radio_map
+    if grown is None:
+        raise AppError(ErrorCode.CONFLICT, "no session kept aside would join the radio map")
+    ids = [session.session_id for session in look.joining]
+
+    def statement(connection: Connection) -> StoredRadioMap:
+        site = found(get_site(connection, look.site_id), "site", look.site_id)
+        gone = set(ids) - quarantine.undecided(connection, look.site_id)
+        if site.model_version != look.version or gone:
+            detail = "the site or what is kept aside was changed meanwhile; look again"
+            raise AppError(ErrorCode.CONFLICT, detail)
+        origin = _origin(connection, look, now_s)
+        quarantine.decide(connection, ids, now_s)
+        return radio_maps.save_radio_map(connection, look.site_id, grown, origin, activate=activate)
+
+    return await write(database, statement)
+
+
+async def discard_all(database: Database, site_id: str, now_s: float) -> int:
+    """Decide against everything kept aside at a site; return how many sessions that were."""
+    return await write(database, partial(quarantine.discard, site_id=site_id, decided_s=now_s))
 
 
 async def take_finished_aside(
@@ -205,21 +282,8 @@ async def _told(database: Database, record: SessionRecord) -> list[Observation]:
     return await SqlObservationLog(database).observations(record.session_id)
 
 
-def _grown(
-    key: tuple[int, tuple[str, ...]], sessions: list[FinishedSession], model: SiteModel
-) -> _Outcome:
-    if model.radio_map is None or not sessions:
-        return _Outcome(key, (), None, None)
-    joining = grow(sessions, model, _PARAMS, GrowingParams())
-    if not joining:
-        return _Outcome(key, (), None, None)
-    radio_map = grown_map(model.radio_map, joining, model)
-    effect = growth_effect(model.radio_map, radio_map, _PARAMS.match)
-    return _Outcome(key, joining, radio_map, effect)
-
-
-def _places(outcome: _Outcome, model: SiteModel) -> tuple[GrownPlace, ...]:
-    rows = [c.fingerprint for session in outcome.sessions for c in session.candidates]
+def _places(joining: Sequence[GrownSession], model: SiteModel) -> tuple[GrownPlace, ...]:
+    rows = [c.fingerprint for session in joining for c in session.candidates]
     if not rows:
         return ()
     cells = cells_of(np.array([(row.x_m, row.y_m) for row in rows]), CELL_M)
@@ -237,13 +301,11 @@ def _places(outcome: _Outcome, model: SiteModel) -> tuple[GrownPlace, ...]:
     )
 
 
-def _origin(
-    connection: Connection, site_id: str, outcome: _Outcome, now_s: float
-) -> RadioMapOrigin:
-    active = radio_maps.list_radio_maps(connection, site_id=site_id, active=True, limit=1)
+def _origin(connection: Connection, look: Look, now_s: float) -> RadioMapOrigin:
+    active = radio_maps.list_radio_maps(connection, site_id=look.site_id, active=True, limit=1)
     provenance = {
         "grown_from": active[0].radio_map_id if active else None,
-        "sessions": len(outcome.sessions),
-        "grown_fingerprints": sum(len(s.candidates) for s in outcome.sessions),
+        "sessions": len(look.joining),
+        "grown_fingerprints": look.fingerprints,
     }
     return RadioMapOrigin("grown from use", now_s, provenance)

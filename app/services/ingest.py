@@ -5,9 +5,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
-from app.core.session import LogUnavailableError, Rejection
+from app.core.session import LogUnavailableError, Rejection, Untimed
 from app.core.types import BleScan, Observation, WifiScan
 from app.services.access import Principal, Role
+from app.services.beacon_health import BeaconWatch, Heard
 from app.services.errors import AppError, ErrorCode, invalid_field, unavailable
 from app.services.site_choice import Sites, choose_params, choose_site
 from app.sessions.batch import (
@@ -64,13 +65,20 @@ class IngestService:
     """Hands uploads to the live sessions."""
 
     def __init__(
-        self, registry: SessionRegistry, hub: Hub, sites: Sites, database: Database, clock: Clock
+        self,
+        registry: SessionRegistry,
+        hub: Hub,
+        sites: Sites,
+        database: Database,
+        clock: Clock,
+        watch: BeaconWatch,
     ) -> None:
         self._registry = registry
         self._hub = hub
         self._sites = sites
         self._database = database
         self._clock = clock
+        self._watch = watch
         self._remembered: dict[str, _Remembered] = {}
 
     async def submit(self, principal: Principal, upload: Upload) -> tuple[str, Submitted]:
@@ -104,6 +112,7 @@ class IngestService:
             )
             submitted = await self._registry.submit(batch)
             self._note_sighting(upload, device, site.site_id, now_s)
+            self._watch.note(site.site_id, _heard(upload, submitted), now_s)
             return site.site_id, submitted
 
     def forget(self, device_id: str) -> None:
@@ -134,6 +143,16 @@ class IngestService:
             self._hub.publish_event(Topic.DEVICES, content, site_id, upload.device_id)
         seen = replace(device, site_id=site_id, first_seen_s=device.first_seen_s or now_s)
         self._remembered[upload.device_id] = _Remembered(now_s + _REMEMBER_S, seen)
+
+
+def _heard(upload: Upload, submitted: Submitted) -> Iterator[Heard]:
+    """Yield what the batch made durable, with the telemetry of each record; nothing of a retry."""
+    refused = {rejection.index for rejection in submitted.rejected}
+    taken = [record for record in upload.records if record.index not in refused]
+    if submitted.observations:
+        for observation, record in zip(submitted.observations, taken, strict=True):
+            if not isinstance(observation, Untimed):
+                yield observation, record.telemetry
 
 
 def _levelled(records: tuple[IncomingRecord, ...], offset_db: float) -> tuple[IncomingRecord, ...]:

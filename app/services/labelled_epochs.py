@@ -2,7 +2,7 @@
 
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
@@ -27,12 +27,16 @@ NameOf: TypeAlias = Callable[[tuple[str, ...]], str | None]
 
 @dataclass(frozen=True, slots=True)
 class LabelledEpoch:
-    """What a phone heard within one window, at a place that is known: local means by beacon id."""
+    """What a phone heard within one window, at a place that is known: local means by beacon id.
+
+    ``walk`` names the walk that it is of; empty: of none.
+    """
 
     device_id: str
     x_m: float
     y_m: float
     rssi_dbm: dict[str, float]
+    walk: str = ""
 
 
 def by_registered_key(beacon_by_key: Mapping[str, str]) -> NameOf:
@@ -48,13 +52,14 @@ def survey_epochs(
         if record.floor_id != floor_id:
             continue
         if isinstance(record, SurveyWalk):
-            yield from walk_epochs(record.scans, record.waypoints, device_id, name_of)
+            of_walk = walk_epochs(record.scans, record.waypoints, device_id, name_of)
+            yield from (replace(epoch, walk=record.walk) for epoch in of_walk)
             continue
         levels = {**record.wifi_dbm, **record.ble_dbm}
         named = [(name_of((key,)), level) for key, level in levels.items()]
         heard = {name: level for name, level in named if name is not None}
         if heard:
-            yield LabelledEpoch(device_id, record.x_m, record.y_m, heard)
+            yield LabelledEpoch(device_id, record.x_m, record.y_m, heard, record.walk)
 
 
 def walk_epochs(

@@ -1,9 +1,9 @@
 """Builds of radio maps: one at a time, as jobs; the active map stays until another is activated."""
 
 import asyncio
-import logging
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from typing import Any
 
 from sqlalchemy import Connection
@@ -11,16 +11,15 @@ from sqlalchemy import Connection
 from app.core.site import Floor
 from app.core.survey import Surveyed
 from app.services.errors import AppError, ErrorCode, found, invalid_field
+from app.services.job_lane import JobLane
 from app.services.jobs import JobBoard
 from app.services.radio_map_building import BuildOptions, BuiltMap, built_map
 from app.services.site import load_site_model
 from app.services.writing import write
 from app.storage import radio_maps, sites, surveys
-from app.storage.database import Database, DatabaseUnavailableError
+from app.storage.database import Database
 from app.storage.jobs import StoredJob
 from app.storage.radio_maps import RadioMapOrigin, StoredRadioMap
-
-_LOG = logging.getLogger(__name__)
 
 KIND = "radio map build"
 DEFAULT_NAME = "built from surveys"
@@ -94,8 +93,7 @@ class RadioMapBuilds:
     def __init__(self, database: Database, board: JobBoard) -> None:
         self._database = database
         self._board = board
-        self._turn = asyncio.Lock()
-        self._running: set[asyncio.Task[None]] = set()
+        self._lane = JobLane(board, KIND)
 
     async def start(self, asked: BuildRequest) -> StoredJob:
         """Begin a build and return its job.
@@ -106,36 +104,15 @@ class RadioMapBuilds:
             If the site or a survey is not there.
         """
         meant = await self._database.read(lambda c: surveys_to_build(c, asked))
-        job = await self._board.open(KIND, asked.site_id, "waiting")
-        task = asyncio.create_task(self._run(job, meant))
-        self._running.add(task)
-        task.add_done_callback(self._running.discard)
-        return job
+        return await self._lane.start(asked.site_id, partial(self._build, asked=meant))
 
     async def settle(self) -> None:
         """Wait until all builds asked for by now have ended."""
-        await asyncio.gather(*self._running)
+        await self._lane.settle()
 
     async def close(self) -> None:
         """Give up what has not ended; its jobs fail when the server starts again."""
-        for task in self._running:
-            task.cancel()
-        await asyncio.gather(*self._running, return_exceptions=True)
-
-    async def _run(self, job: StoredJob, asked: BuildRequest) -> None:
-        try:
-            async with self._turn:
-                ended = await self._build(job, asked)
-        except AppError as error:
-            ended = job.failed(error.code.value, str(error), self._board.now_s)
-        except Exception:  # noqa: BLE001 - whoever asked must learn that it came to nothing
-            _LOG.exception("building a radio map of site %r has failed", asked.site_id)
-            detail = "the build has failed; see the server's log"
-            ended = job.failed(ErrorCode.INTERNAL.value, detail, self._board.now_s)
-        try:
-            await self._board.update(ended)
-        except DatabaseUnavailableError as error:
-            _LOG.warning("the end of job %s could not be stored: %s", job.job_id, error)
+        await self._lane.close()
 
     async def _build(self, job: StoredJob, asked: BuildRequest) -> StoredJob:
         running = replace(job, state="running", progress={"surveys": len(asked.surveys)})

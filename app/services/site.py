@@ -2,7 +2,7 @@
 
 import asyncio
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -18,7 +18,7 @@ from app.formats.floor_map import FloorMapError, parse_floor_map
 from app.services.errors import AppError, ErrorCode, FieldError, found
 from app.services.writing import SeenVersions, check_seen, write
 from app.storage import ageing, floors, radio_maps, sites
-from app.storage.beacons import anchors_of_site
+from app.storage.beacons import anchors_of_site, beacon_ids_by_key
 from app.storage.database import Database
 from app.storage.floors import PlanImage, StoredFloor
 from app.storage.sites import StoredSite
@@ -34,6 +34,7 @@ class SiteDirectory:
         self._sites: dict[str, StoredSite] = {}
         self._models: dict[str, SiteModel] = {}
         self._georeferences: dict[str, Georeference] = {}
+        self._beacon_ids: dict[str, dict[str, str]] = {}
         self._refreshing = asyncio.Lock()
 
     def current(self, site_id: str) -> SiteModel | None:
@@ -56,6 +57,10 @@ class SiteDirectory:
         """Return where the site lies on the globe, None if nobody has said."""
         return self._georeferences.get(site_id)
 
+    def beacon_ids_by_key(self, site_id: str) -> Mapping[str, str]:
+        """Return the ids of a site's registered beacons by each of their keys."""
+        return self._beacon_ids.get(site_id, {})
+
     def params(self, site_id: str, profile: str) -> Params:
         """Return the parameters of a profile; KeyError if there is none of this name."""
         _ = site_id
@@ -66,20 +71,24 @@ class SiteDirectory:
         async with self._refreshing:
             stored = {s.site_id: s for s in await self._database.read(sites.all_sites)}
             models: dict[str, SiteModel] = {}
+            beacon_ids: dict[str, dict[str, str]] = {}
             for site_id, site in stored.items():
-                model = self._models.get(site_id)
+                model, ids = self._models.get(site_id), self._beacon_ids.get(site_id, {})
                 if model is None or model.version != site.model_version:
-                    load = partial(load_site_model, site_id=site_id)
-                    model = await self._database.read(load)
+                    model, ids = await self._database.read(partial(_loaded, site_id=site_id))
                 # A site may be gone by the time its model is read.
                 if model is not None:
-                    models[site_id] = model
-            self._sites, self._models = stored, models
+                    models[site_id], beacon_ids[site_id] = model, ids
+            self._sites, self._models, self._beacon_ids = stored, models, beacon_ids
             self._georeferences = {
                 site_id: georeference
                 for site_id, site in stored.items()
                 if (georeference := stored_georeference(site)) is not None
             }
+
+
+def _loaded(connection: Connection, site_id: str) -> tuple[SiteModel | None, dict[str, str]]:
+    return load_site_model(connection, site_id), beacon_ids_by_key(connection, site_id)
 
 
 def control_points(stored: list[dict[str, float]]) -> list[ControlPoint]:

@@ -31,8 +31,8 @@ async def write(database: Database, statement: Callable[[Connection], T]) -> T:
         raise AppError(ErrorCode.UNAVAILABLE, detail, retry_after_s=2) from error
 
 
-def check_seen(seen: SeenVersions, row_version: int | str) -> None:
-    """Refuse an edit that was made on another state than the stored one."""
+def check_seen(seen: SeenVersions, row_version: int | str, what: str = "it") -> None:
+    """Refuse an edit of ``what`` that was made on another state than the stored one."""
     if seen is not None and str(row_version) not in seen:
-        detail = "it was changed meanwhile; read it again"
+        detail = f"{what} was changed meanwhile; read it again"
         raise AppError(ErrorCode.ETAG_MISMATCH, detail)

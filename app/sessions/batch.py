@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
-from app.core.session import Rejection
-from app.core.types import Observation, Output
+from app.core.session import Rejection, Untimed
+from app.core.types import BeaconTelemetry, Observation, Output
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,11 +18,15 @@ class ClockReport:
 
 @dataclass(frozen=True, slots=True)
 class IncomingRecord:
-    """One valid record by its place in the batch, timed by the phone's wall or monotonic clock."""
+    """One valid record by its place in the batch, timed by the phone's wall or monotonic clock.
+
+    ``telemetry`` is what the beacons of its scan told of themselves; it is not folded.
+    """
 
     index: int
     observation: Observation
     monotonic: bool = False
+    telemetry: tuple[BeaconTelemetry, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +59,8 @@ class Submitted:
     ``output`` is the session's position (or its absence) at the latest observation, None while the
     session has observed nothing; ``duplicate`` tells a batch that was known already. ``waiting`` of
     the accepted records count as soon as a batch of the session tells the monotonic clock.
+    ``observations`` are those that it made durable, in the order of its records and in event time,
+    or why one has none by now.
     """
 
     session_id: str
@@ -64,6 +70,7 @@ class Submitted:
     output: Output | None
     duplicate: bool
     waiting: int = 0
+    observations: tuple[Observation | Untimed, ...] = ()
 
 
 class BatchConflictError(Exception):

@@ -11,7 +11,13 @@ from typing import TypeVar
 
 from app.core.engine import Explanation
 from app.core.params import Params
-from app.core.session import LoggedBatch, LogUnavailableError, SessionClock, SessionRecord
+from app.core.session import (
+    LoggedBatch,
+    LogUnavailableError,
+    SessionClock,
+    SessionRecord,
+    each_in_event_time,
+)
 from app.core.site import SiteModel
 from app.core.types import Output, TrackPoint
 from app.sessions.batch import (
@@ -217,6 +223,9 @@ class SessionRegistry:
             output=output,
             duplicate=stored is not logged,
             waiting=stored.monotonic_count if record.clock.mono_to_wall_s is None else 0,
+            observations=(
+                tuple(each_in_event_time(logged, record.clock)) if stored is logged else ()
+            ),
         )
 
     async def _open(self, device: _Device, batch: IncomingBatch) -> _Slot:

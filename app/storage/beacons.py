@@ -8,7 +8,7 @@ from sqlalchemy import Connection, RowMapping, Select, delete, insert, select
 
 from app.core.types import Anchor
 from app.storage.rows import unique, update_row
-from app.storage.tables import BEACON_KEYS, BEACONS
+from app.storage.tables import BEACON_HEALTH, BEACON_KEYS, BEACONS
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,11 +33,15 @@ class StoredBeacon:
 
 @dataclass(frozen=True, slots=True)
 class BeaconFilter:
-    """Which beacons to list; None does not limit."""
+    """Which beacons to list; None does not limit.
+
+    ``not_heard_since_s``: those never heard, or last before it.
+    """
 
     site_id: str | None = None
     floor_id: str | None = None
     kind: str | None = None
+    not_heard_since_s: float | None = None
 
 
 def list_beacons(
@@ -49,6 +53,11 @@ def list_beacons(
     for name, value in wanted.items():
         if value is not None:
             query = query.where(BEACONS.c[name] == value)
+    if which.not_heard_since_s is not None:
+        heard = select(BEACON_HEALTH.c.beacon_id).where(
+            BEACON_HEALTH.c.last_heard_s >= which.not_heard_since_s
+        )
+        query = query.where(BEACONS.c.id.not_in(heard))
     if after is not None:
         query = query.where(BEACONS.c.id > after)
     return _beacons(connection, query)
@@ -58,6 +67,17 @@ def beacons_of_site(connection: Connection, site_id: str) -> list[StoredBeacon]:
     """Return all beacons of a site by id."""
     query = select(BEACONS).where(BEACONS.c.site_id == site_id).order_by(BEACONS.c.id)
     return _beacons(connection, query)
+
+
+def beacon_ids_by_key(
+    connection: Connection, site_id: str, keys: Sequence[str] | None = None
+) -> dict[str, str]:
+    """Return, by key, the ids of beacons of a site, those without a place too; None: of all."""
+    query = select(BEACON_KEYS.c.key, BEACON_KEYS.c.beacon_id)
+    query = query.where(BEACON_KEYS.c.site_id == site_id)
+    if keys is not None:
+        query = query.where(BEACON_KEYS.c.key.in_(keys))
+    return {row.key: row.beacon_id for row in connection.execute(query)}
 
 
 def anchors_of_site(connection: Connection, site_id: str) -> tuple[Anchor, ...]:

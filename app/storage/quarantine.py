@@ -60,6 +60,13 @@ def quarantined(connection: Connection, site_id: str, limit: int) -> list[Finish
     return sorted(sessions, key=lambda session: session.session_id)
 
 
+def undecided(connection: Connection, site_id: str) -> set[str]:
+    """Return the ids of all sessions kept aside at a site, undecided."""
+    kept = QUARANTINED_SESSIONS.c
+    query = select(kept.session_id).where(kept.site_id == site_id, kept.decided_s.is_(None))
+    return set(connection.execute(query).scalars())
+
+
 def count_quarantined(connection: Connection, site_id: str) -> int:
     """Return how many sessions of a site are kept aside, undecided."""
     kept = QUARANTINED_SESSIONS.c

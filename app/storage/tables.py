@@ -115,6 +115,19 @@ BEACON_KEYS = Table(
     Column("rank", Integer, nullable=False),
 )
 
+BEACON_HEALTH = Table(
+    "beacon_health",
+    METADATA,
+    Column("beacon_id", String, ForeignKey("beacons.id", ondelete="CASCADE"), primary_key=True),
+    # Event time of the newest reading.
+    Column("last_heard_s", Double, nullable=False),
+    # Event time of the newest telemetry; NULL: there was none.
+    Column("told_s", Double),
+    Column("battery_percent", Double),
+    Column("battery_v", Double),
+    Column("temperature_degc", Double),
+)
+
 CALIBRATIONS = Table(
     "calibrations",
     METADATA,

@@ -23,16 +23,17 @@ def upsert(connection: Connection, table: Table, rows: Sequence[Values]) -> None
 # Statements are built once: building one takes several times as long as running it.
 @cache
 def _insert_new(dialect: str, table: Table, key: tuple[Column[object], ...]) -> Executable:
-    insert = _insert(dialect, table).on_conflict_do_nothing(index_elements=key)
+    insert = insert_into(dialect, table).on_conflict_do_nothing(index_elements=key)
     return insert.returning(*table.primary_key)
 
 
 @cache
 def _upsert(dialect: str, table: Table) -> Executable:
-    insert = _insert(dialect, table)
+    insert = insert_into(dialect, table)
     replaced = {c.name: insert.excluded[c.name] for c in table.c if not c.primary_key}
     return insert.on_conflict_do_update(index_elements=list(table.primary_key), set_=replaced)
 
 
-def _insert(dialect: str, table: Table) -> sqlite.Insert | postgresql.Insert:
+def insert_into(dialect: str, table: Table) -> sqlite.Insert | postgresql.Insert:
+    """Return an insert that may say what a row with the same key becomes."""
     return sqlite.insert(table) if dialect == "sqlite" else postgresql.insert(table)

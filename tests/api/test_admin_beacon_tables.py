@@ -130,5 +130,24 @@ async def test_a_bulk_edit_changes_all_or_none(server: ApiServer) -> None:
         assert (await admin.get("/v1/beacons/b2")).json()["x"] == 19.5
         wrong = [{"beacon_id": "b3", "patch": {"x": None}}]
         assert (await admin.patch("/v1/beacons", json={"items": wrong})).status_code == 422
+        wrong = [{"beacon_id": "b4", "patch": {}}, {"beacon_id": "b3", "patch": {"z": "high"}}]
+        refused = (await admin.patch("/v1/beacons", json={"items": wrong})).json()
+        assert refused["errors"][0]["pointer"] == "#/items/1/patch/z"
+        assert "b1" in stale.json()["detail"]
         missing = [{"beacon_id": "none", "patch": {}}]
         assert (await admin.patch("/v1/beacons", json={"items": missing})).status_code == 404
+
+
+async def test_a_key_that_is_taken_is_named_with_its_beacon(server: ApiServer) -> None:
+    async with server.client() as admin:
+        taken = (await admin.get("/v1/beacons/b1")).json()["keys"]
+        new = {"beacon_id": "n1", "site_id": "lab", "kind": "ble", "keys": taken}
+        bulk = [{"beacon_id": "b2", "patch": {"keys": taken}}]
+        replies = [
+            await admin.post("/v1/beacons", json=new),
+            await admin.patch("/v1/beacons/b2", json={"keys": taken}),
+            await admin.patch("/v1/beacons", json={"items": bulk}),
+        ]
+    for reply in replies:
+        assert (reply.status_code, reply.json()["code"]) == (409, "conflict")
+        assert reply.json()["detail"] == f"{taken[0]} is already a key of beacon 'b1'"

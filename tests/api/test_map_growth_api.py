@@ -92,6 +92,16 @@ async def opt_in(admin: httpx.AsyncClient) -> None:
     assert reply.json()["grow_map"] is True
 
 
+async def look(server: ApiServer, admin: httpx.AsyncClient) -> dict[str, Any]:
+    """Look at the growth of the lab's map, and return what the job tells."""
+    begun = await admin.post(GROWTH)
+    assert begun.status_code == 202, begun.text
+    await server.app.state.context.growth.settle()
+    job = (await admin.get(begun.headers["Location"])).json()
+    assert (job["kind"], job["state"]) == ("map growth", "done"), job
+    return dict(job["result"])
+
+
 async def active_map(admin: httpx.AsyncClient) -> dict[str, Any]:
     reply = await admin.get("/v1/radio-maps", params={"site_id": "lab", "active": True})
     (only,) = reply.json()["items"]
@@ -113,8 +123,13 @@ async def test_what_is_accepted_becomes_a_version_and_nothing_before(server: Api
         await opt_in(admin)
         await walk_through(server)
         await housekeep(server)
-        seen = (await admin.get(GROWTH)).json()
-        assert seen["waiting"] == WALKS
+        assert (await admin.get(GROWTH)).json() == {"waiting": WALKS, "look": None}
+        unseen = await admin.post(f"{GROWTH}/accept")
+        assert (unseen.status_code, unseen.json()["code"]) == (409, "conflict")
+        seen = await look(server, admin)
+        told = (await admin.get(GROWTH)).json()["look"]
+        assert told.pop("looked_at") == "2026-11-22T03:20:01.000Z"
+        assert told == seen
         assert seen["sessions"] > 0
         assert seen["fingerprints"] == sum(place["fingerprints"] for place in seen["places"]) > 0
         assert seen["effect"]["scans"] > 0
@@ -133,7 +148,7 @@ async def test_what_is_accepted_becomes_a_version_and_nothing_before(server: Api
         # They are decided: neither offered again nor taken again.
         await housekeep(server)
         left = (await admin.get(GROWTH)).json()
-        assert left["waiting"] == WALKS - seen["sessions"]
+        assert left == {"waiting": WALKS - seen["sessions"], "look": None}
         assert (await admin.post(f"{GROWTH}/accept")).status_code == 409
     kept = await database.read(partial(load_radio_map, radio_map_id=before.radio_map_id))
     assert not any(walk.startswith(GROWN) for walk in kept.survey_walks)
@@ -145,6 +160,7 @@ async def test_a_version_may_be_made_without_being_used(server: ApiServer) -> No
         await opt_in(admin)
         await walk_through(server)
         await housekeep(server)
+        await look(server, admin)
         made = (await admin.post(f"{GROWTH}/accept?activate=false")).json()
         assert made["active"] is False
         assert (await active_map(admin))["radio_map_id"] == before.radio_map_id
@@ -156,15 +172,13 @@ async def test_what_is_discarded_is_gone_and_not_taken_again(server: ApiServer) 
         await opt_in(admin)
         await walk_through(server)
         await housekeep(server)
+        await look(server, admin)
         assert (await admin.delete(GROWTH)).status_code == 204
         await housekeep(server)
-        assert (await admin.get(GROWTH)).json() == {
-            "waiting": 0,
-            "sessions": 0,
-            "fingerprints": 0,
-            "places": [],
-            "effect": None,
-        }
+        assert (await admin.get(GROWTH)).json() == {"waiting": 0, "look": None}
+        nothing = {"sessions": 0, "fingerprints": 0, "places": [], "effect": None}
+        assert await look(server, admin) == nothing
+        assert (await admin.post(f"{GROWTH}/accept")).status_code == 409
 
 
 async def test_what_is_kept_aside_goes_with_what_the_site_keeps_no_longer(
@@ -181,6 +195,22 @@ async def test_what_is_kept_aside_goes_with_what_the_site_keeps_no_longer(
         server.clock.time_s += 31 * 86_400.0
         await housekeep(server)
         assert (await admin.get(GROWTH)).json()["waiting"] == 0
+
+
+async def test_what_has_changed_since_the_look_is_not_accepted(server: ApiServer) -> None:
+    before = await survey(server)
+    async with server.client() as admin:
+        await opt_in(admin)
+        await walk_through(server)
+        await housekeep(server)
+        await look(server, admin)
+        # What the phone's owner wants forgotten must not come into the map by an older look.
+        assert (await admin.delete("/v1/devices/phone-7")).status_code == 204
+        refused = await admin.post(f"{GROWTH}/accept")
+        assert (refused.status_code, refused.json()["code"]) == (409, "conflict")
+        await admin.patch("/v1/beacons/b1", json={"name": "door"})
+        assert (await admin.get(GROWTH)).json() == {"waiting": 0, "look": None}
+        assert (await active_map(admin))["radio_map_id"] == before.radio_map_id
 
 
 async def test_a_session_that_goes_on_is_taken_aside_anew(server: ApiServer) -> None:
@@ -202,5 +232,7 @@ async def test_a_session_that_goes_on_is_taken_aside_anew(server: ApiServer) -> 
 async def test_only_admins_of_the_site_may_look(server: ApiServer) -> None:
     async with server.client("viewer") as viewer:
         assert (await viewer.get(GROWTH)).status_code == 403
+        assert (await viewer.post(GROWTH)).status_code == 403
     async with server.client() as admin:
         assert (await admin.get("/v1/sites/nowhere/growth")).status_code == 404
+        assert (await admin.post("/v1/sites/nowhere/growth")).status_code == 404

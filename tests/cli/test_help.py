@@ -18,6 +18,7 @@ RADIO_MAP_COMMANDS = (
     "import",
     "delete",
 )
+CALIBRATE_COMMANDS = ("beacons", "places", "list", "show", "apply", "discard", "fusion")
 COMMANDS = (
     ("serve",),
     ("demo",),
@@ -25,11 +26,12 @@ COMMANDS = (
     ("migrate",),
     ("plan",),
     ("profiles",),
-    ("calibrate", "fusion"),
+    *(("calibrate", name) for name in CALIBRATE_COMMANDS),
     ("import", "ms2020"),
     ("import", "csv", "beacons"),
     ("import", "csv", "fingerprints"),
     *(("radio-map", name) for name in RADIO_MAP_COMMANDS),
+    *(("growth", name) for name in ("look", "accept", "discard")),
     ("token", "create"),
     ("token", "list"),
     ("token", "revoke"),

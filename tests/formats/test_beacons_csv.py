@@ -11,9 +11,9 @@ UUID = "F7826DA6-4FA2-4E98-8024-BC5B71E0893E"
 def test_a_table_read_and_written_is_the_same_table() -> None:
     text = (
         "beacon_id,kind,name,floor_id,x,y,z,ref_level_dbm,ref_distance_m,path_loss_exponent,"
-        "shadowing_db,keys\n"
+        "shadowing_db,keys,last_heard_at,battery_percent,battery_v,temperature_c\n"
         'b1,ble,"Door, east",F1,1.5,2.0,2.7,-60.0,1.0,2.1,5.0,'
-        f"mac:a4c138000001 ibeacon:{UUID.lower()}:1:2\n"
+        f"mac:a4c138000001 ibeacon:{UUID.lower()}:1:2,,,,\n"
     )
     rows = list(read_beacons_csv(text))
     assert [row.error for row in rows] == [""]

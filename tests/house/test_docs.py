@@ -46,7 +46,14 @@ def test_every_setting_is_documented_as_it_is() -> None:
 @pytest.mark.parametrize(
     ("heading", "columns"),
     [
-        ("csv beacons", {*beacons_csv.COLUMNS, *beacons_csv.KEY_COLUMNS}),
+        (
+            "csv beacons",
+            {
+                *beacons_csv.COLUMNS,
+                *beacons_csv.HEALTH_COLUMNS,
+                *beacons_csv.KEY_COLUMNS,
+            },
+        ),
         ("csv fingerprints", {*fingerprints_csv.NEEDED, *fingerprints_csv.OPTIONAL}),
     ],
 )

@@ -25,7 +25,7 @@ BANNED_BUT = frozenset({"tag_field"})
 
 UNITS = (
     *("m", "m2", "mps", "m2ps", "mps2", "m2ps4", "s", "ms", "us", "seconds", "hz", "ps", "deg"),
-    *("dbm", "db", "db2", "rad", "rad2", "radps", "ut", "hpa", "chi2"),
+    *("dbm", "db", "db2", "rad", "rad2", "radps", "ut", "hpa", "chi2", "v", "percent", "degc"),
 )
 # Words that end the name of a pure number.
 UNITLESS_WORDS = frozenset(

@@ -91,6 +91,17 @@ class LabelledLevels:
         )
 
 
+def joined_levels(parts: Sequence[LabelledLevels]) -> LabelledLevels:
+    """Return the levels of all parts, in their order."""
+    return LabelledLevels(
+        np.concatenate([part.anchor_index for part in parts]),
+        np.concatenate([part.phone_index for part in parts]),
+        np.concatenate([part.x_m for part in parts]),
+        np.concatenate([part.y_m for part in parts]),
+        np.concatenate([part.rssi_dbm for part in parts]),
+    )
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Calibration:
     """What the readings say of anchors and phones.

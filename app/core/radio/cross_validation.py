@@ -13,7 +13,9 @@ An anchor whose gain is not larger than its own standard error keeps the floor's
 deviation from the others is not more than what shadowing at a few places makes of it.
 
 Levels at neighbouring places share their shadowing (Gudmundson 1991), so whole cells are left out,
-never single levels. The bound of one standard error is that of Breiman et al., "Classification and
+never single levels. Levels of one walk share the body that carried the phone and what stood about
+that day, so where levels come from several walks whole walks are left out (`folds_by_walk`). The
+bound of one standard error is that of Breiman et al., "Classification and
 Regression Trees", 1984: the simpler model unless the other is clearly better.
 """
 
@@ -72,18 +74,30 @@ def folds_by_place(x_m: FloatArray, y_m: FloatArray, folds: int = FOLDS) -> IntA
     return np.asarray((column + 2 * row) % folds)
 
 
+def folds_by_walk(walks: Sequence[str], folds: int = FOLDS) -> IntArray:
+    """Return the fold of each walk's levels, by the name of their walk."""
+    number = {walk: i for i, walk in enumerate(sorted(set(walks)))}
+    return np.array([number[walk] % folds for walk in walks], dtype=np.int64)
+
+
 def cross_validate(
-    levels: LabelledLevels, anchors: Sequence[Anchor], params: CalibrationParams
+    levels: LabelledLevels,
+    anchors: Sequence[Anchor],
+    params: CalibrationParams,
+    fold: IntArray | None = None,
 ) -> CrossValidation:
-    """Return how well levels are predicted at places that were left out.
+    """Return how well levels are predicted that were left out.
 
     Parameters
     ----------
     levels, anchors, params
         As for `app.core.radio.calibration.calibrate`.
+    fold : (readings,)
+        Which levels are left out together; None: `folds_by_place`.
     """
     own_db, mean_db = np.full(len(levels.x_m), np.nan), np.full(len(levels.x_m), np.nan)
-    fold = folds_by_place(levels.x_m, levels.y_m)
+    if fold is None:
+        fold = folds_by_place(levels.x_m, levels.y_m)
     for left_out, fit in fits_without(levels, fold, anchors, params):
         asked = levels.of(left_out)
         own_db[left_out] = residuals_db(asked, anchors, fit, params)
@@ -111,9 +125,21 @@ def fits_without(
 
 
 def careful(
-    levels: LabelledLevels, anchors: Sequence[Anchor], params: CalibrationParams
+    levels: LabelledLevels,
+    anchors: Sequence[Anchor],
+    params: CalibrationParams,
+    proof: tuple[LabelledLevels, IntArray] | None = None,
 ) -> tuple[Calibration, CrossValidation]:
     """Calibrate, and leave at the floor's mean whom a model of its own does not clearly serve.
+
+    Parameters
+    ----------
+    levels, anchors, params
+        As for `app.core.radio.calibration.calibrate`.
+    proof
+        The same levels as they are to be cross-validated, and their folds: where several walks
+        heard a beacon at one place, that is one of the ``levels``, but one for each walk here.
+        None: ``levels`` by place.
 
     Raises
     ------
@@ -121,7 +147,8 @@ def careful(
         If the readings cannot tell level from slope.
     """
     fit = calibrate(levels, anchors, params)
-    checked = cross_validate(levels, anchors, params)
+    asked, fold = (levels, None) if proof is None else proof
+    checked = cross_validate(asked, anchors, params, fold)
     return held_to_mean(fit, ~checked.is_own_better, levels, anchors, params), checked
 
 
