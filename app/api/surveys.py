@@ -25,9 +25,9 @@ from app.api.resource import (
 from app.api.survey_report_formats import survey_report_json
 from app.api.survey_report_reply import REPORT_REPLIES, report_reply, report_type
 from app.services.errors import AppError, ErrorCode, found
+from app.services.survey_frames import UploadRequest
 from app.services.survey_reports import report_of_survey
 from app.services.survey_session import SessionSurvey
-from app.services.survey_uploads import UploadRequest
 from app.services.writing import write
 from app.storage import surveys
 from app.storage.jobs import StoredJob
@@ -143,6 +143,13 @@ async def continue_upload(
     """Send the next bytes of an upload; with the last one the job reads it."""
     check_site(principal, context.uploads.site_of(job_id))
     return _accepted(response, await context.uploads.append(job_id, offset, _body(request)))
+
+
+@router.delete("/uploads/{job_id}", status_code=204)
+async def give_up_upload(job_id: str, principal: Surveyor, context: Context) -> None:
+    """Forget an upload that is not whole yet; its job fails."""
+    check_site(principal, context.uploads.site_of(job_id))
+    await context.uploads.give_up(job_id)
 
 
 @router.post("/from-session", status_code=201)

@@ -16,7 +16,7 @@ from app.services.radio_map_building import BuildOptions, BuiltMap, built_map
 from app.services.site import load_site_model
 from app.services.writing import write
 from app.storage import radio_maps, sites, surveys
-from app.storage.database import Database, DatabaseUnavailableError
+from app.storage.database import Database
 from app.storage.jobs import StoredJob
 from app.storage.radio_maps import RadioMapOrigin, StoredRadioMap
 
@@ -132,10 +132,7 @@ class RadioMapBuilds:
             _LOG.exception("building a radio map of site %r has failed", asked.site_id)
             detail = "the build has failed; see the server's log"
             ended = job.failed(ErrorCode.INTERNAL.value, detail, self._board.now_s)
-        try:
-            await self._board.update(ended)
-        except DatabaseUnavailableError as error:
-            _LOG.warning("the end of job %s could not be stored: %s", job.job_id, error)
+        await self._board.end(ended)
 
     async def _build(self, job: StoredJob, asked: BuildRequest) -> StoredJob:
         running = replace(job, state="running", progress={"surveys": len(asked.surveys)})

@@ -236,6 +236,18 @@ JOBS = Table(
     CheckConstraint("state IN ('receiving', 'waiting', 'running', 'done', 'failed')", name="state"),
 )
 
+# What a restarted server must know to go on with an upload.
+SURVEY_UPLOADS = Table(
+    "survey_uploads",
+    METADATA,
+    Column("job_id", String, ForeignKey("jobs.id", ondelete="CASCADE"), primary_key=True),
+    Column("name", String, nullable=False),
+    Column("floor_id", String),
+    Column("total_bytes", BigInteger),
+    Column("touched_s", Double, nullable=False),
+    Column("interruptions", Integer, nullable=False),
+)
+
 RADIO_MAPS = Table(
     "radio_maps",
     METADATA,
