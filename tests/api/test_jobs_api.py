@@ -147,6 +147,20 @@ async def test_an_upload_that_cannot_go_on_says_why_and_is_forgotten(
     assert list(spool.folder.iterdir()) == []
 
 
+async def test_an_upload_whose_job_has_ended_is_forgotten_and_the_job_stays(database_url: str):
+    spool = spool_of(database_url)
+    done = job(1, result={"survey_id": "spring"}, ended_s=NOW_S)
+    spool.path(done.job_id).write_bytes(CSV)
+    async with restarted(database_url, done, uploads=(left(1),)) as server:
+        async with server.client("viewer") as client:
+            told = (await client.get(f"/v1/jobs/{done.job_id}")).json()
+        assert (told["state"], told["result"]) == ("done", {"survey_id": "spring"})
+        database = server.app.state.context.database
+        await database.flush()
+        assert await database.read(list_uploads) == []
+    assert list(spool.folder.iterdir()) == []
+
+
 async def test_bytes_that_nobody_was_told_of_are_sent_again(database_url: str):
     spool = spool_of(database_url)
     begun = job(1, state="receiving", progress={"received_bytes": 30})
