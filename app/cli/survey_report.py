@@ -105,7 +105,8 @@ async def _look(
 
 
 def _table(title: str, rows: list[dict[str, object]]) -> Table:
-    table = Table(title=title)
+    # Else the title of a narrow table is broken over several lines.
+    table = Table(title=title, min_width=len(title))
     for name in rows[0] if rows else ("none",):
         table.add_column(name, overflow="fold")
     for row in rows:

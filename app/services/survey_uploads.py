@@ -149,6 +149,10 @@ class SurveyUploads:
             await self._board.end(ended)
             await self._forget(job_id)
 
+    async def settle(self) -> None:
+        """Wait until all that was received by now is read, and its files are gone."""
+        await asyncio.gather(*self._imports.values())
+
     async def close(self) -> None:
         """Stop the imports: the server goes down, the next one begins them again."""
         tasks = tuple(self._imports.values())

@@ -142,6 +142,7 @@ async def test_a_refused_upload_stores_nothing_although_its_beginning_was_good(s
     assert "cut off" in job["problem"]["detail"]
     assert await listed(server) == []
     database = server.app.state.context.database
+    await server.app.state.context.uploads.settle()
     await database.flush()
     for table in ("surveys", "survey_records"):
         query = f"SELECT count(*) FROM {table}"
