@@ -24,13 +24,8 @@ class MatchIndex:
 
     ``share`` holds a = ((rssi - floor) / -floor)^e for the Sørensen distance, ``power`` the same
     with the cosine's exponent; ``share_sum`` and ``power_norm`` are their sums and norms per row,
-<<<<<<< HEAD
-    apart for Wi-Fi and BLE (first axis). ``crowd`` is how many fingerprints lie about each row,
-    ``virtual`` 1 for those that nobody surveyed.
-=======
-    apart for Wi-Fi and BLE (first axis). ``crowd`` is how many fingerprints lie about each row, see
-    `_crowd`.
->>>>>>> 39a7ac3 (Make fingerprints of walks that heard beacons and no Wi-Fi)
+    apart for Wi-Fi and BLE (first axis). ``crowd`` is how many fingerprints lie about each row (see
+    `_crowd`), ``virtual`` 1 for those that nobody surveyed.
     """
 
     share: FloatArray
