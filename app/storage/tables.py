@@ -22,6 +22,7 @@ from sqlalchemy import (
 )
 
 from app.storage.columns import EXACT_FLOAT, JSON_OR_NULL, METADATA, ROW_ID
+from app.storage.upload_tables import SURVEY_UPLOADS as SURVEY_UPLOADS
 
 
 def _site_id(*, nullable: bool = False, index: bool = True) -> Column[str]:
@@ -234,18 +235,6 @@ JOBS = Table(
     Column("created_s", Double, nullable=False),
     Column("ended_s", Double),
     CheckConstraint("state IN ('receiving', 'waiting', 'running', 'done', 'failed')", name="state"),
-)
-
-# What a restarted server must know to go on with an upload.
-SURVEY_UPLOADS = Table(
-    "survey_uploads",
-    METADATA,
-    Column("job_id", String, ForeignKey("jobs.id", ondelete="CASCADE"), primary_key=True),
-    Column("name", String, nullable=False),
-    Column("floor_id", String),
-    Column("total_bytes", BigInteger),
-    Column("touched_s", Double, nullable=False),
-    Column("interruptions", Integer, nullable=False),
 )
 
 RADIO_MAPS = Table(
