@@ -21,8 +21,8 @@ from sqlalchemy import (
     text,
 )
 
+import app.storage.upload_tables  # noqa: F401 - it adds its table to METADATA
 from app.storage.columns import EXACT_FLOAT, JSON_OR_NULL, METADATA, ROW_ID
-from app.storage.upload_tables import SURVEY_UPLOADS as SURVEY_UPLOADS
 
 
 def _site_id(*, nullable: bool = False, index: bool = True) -> Column[str]:
