@@ -21,7 +21,8 @@ ENV PATH=/opt/pharos/bin:$PATH \
     NUMBA_CACHE_DIR=/var/lib/pharos/numba \
     PHAROS_HOST=0.0.0.0 \
     PHAROS_PORT=8000 \
-    PHAROS_DATABASE_URL=sqlite:////var/lib/pharos/pharos.db
+    PHAROS_DATABASE_URL=sqlite:////var/lib/pharos/pharos.db \
+    PHAROS_SPOOL_DIR=/var/lib/pharos/uploads
 USER 10001
 WORKDIR /var/lib/pharos
 VOLUME /var/lib/pharos

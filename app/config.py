@@ -44,7 +44,8 @@ class Settings(BaseSettings):
     max_survey_bytes: int = Field(1 << 30, gt=0, description="Largest upload of a survey, as sent.")
     spool_dir: str | None = Field(
         None,
-        description="Folder for uploads that are being read; the system's for temporary files.",
+        description="Folder for uploads until they are read, kept over restarts; if not set "
+        "`pharos-uploads` beside the SQLite file, or one among the system's temporary files.",
     )
 
     session_evict_s: float = Field(

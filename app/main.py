@@ -3,7 +3,6 @@
 import asyncio
 import logging
 import sys
-import tempfile
 import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
@@ -30,6 +29,7 @@ from app.services.replay import ReplayService
 from app.services.site import SiteDirectory
 from app.services.survey_import import SurveyImporter
 from app.services.survey_session import SessionSurveys
+from app.services.survey_spool import Spool, own_temporary_folder
 from app.services.survey_uploads import SurveyUploads
 from app.services.tokens import Authenticator
 from app.sessions.hub import Hub
@@ -37,6 +37,7 @@ from app.sessions.limits import SessionLimits
 from app.sessions.ports import Clock, SessionPorts
 from app.sessions.registry import SessionRegistry
 from app.storage.database import Database
+from app.storage.engines import sqlite_file
 from app.storage.log import SqlObservationLog
 from app.storage.migrate import current, head, upgrade
 from app.storage.snapshots import SqlSnapshotStore
@@ -72,17 +73,20 @@ def create_app(settings: Settings, clock: Clock | None = None) -> FastAPI:
         await asyncio.to_thread(prepare_database, settings)
         await asyncio.to_thread(warm_up)
         database = Database(settings.database_url)
-        spool = tempfile.TemporaryDirectory(prefix="pharos-uploads-", dir=settings.spool_dir)
         try:
-            context, housekeeping = _build(settings, database, own_clock, Path(spool.name))
-            await context.uploads.clean_up()
+            context, housekeeping = _build(settings, database, own_clock)
+            await context.uploads.recover()
             await context.directory.refresh()
             await context.registry.recover()
             bind(app, context)
             await _announce(settings, database, own_clock)
             chores = [
-                asyncio.create_task(housekeeping.run(settings.sweep_interval_s)),
-                asyncio.create_task(context.watch.run()),
+                asyncio.create_task(chore)
+                for chore in (
+                    housekeeping.run(settings.sweep_interval_s),
+                    context.uploads.sweep_on(),
+                    context.watch.run(),
+                )
             ]
             for chore in chores:
                 chore.add_done_callback(_log_death)
@@ -97,7 +101,6 @@ def create_app(settings: Settings, clock: Clock | None = None) -> FastAPI:
             await context.watch.flush()
         finally:
             await database.close()
-            spool.cleanup()
 
     app = FastAPI(
         title="Pharos",
@@ -147,9 +150,15 @@ def prepare_database(settings: Settings) -> None:
         raise OutdatedDatabaseError(msg)
 
 
-def _build(
-    settings: Settings, database: Database, clock: Clock, spool: Path
-) -> tuple[ApiContext, Housekeeping]:
+def spool_folder(settings: Settings) -> Path:
+    """Return where uploads are kept: as set, beside the SQLite file, or among temporary files."""
+    if settings.spool_dir is not None:
+        return Path(settings.spool_dir)
+    beside = sqlite_file(settings.database_url)
+    return own_temporary_folder() if beside is None else beside.with_name("pharos-uploads")
+
+
+def _build(settings: Settings, database: Database, clock: Clock) -> tuple[ApiContext, Housekeeping]:
     directory = SiteDirectory(database)
     hub = Hub()
     ports = SessionPorts(
@@ -178,7 +187,9 @@ def _build(
         plans=PlanQueue(),
         builds=RadioMapBuilds(database, board),
         jobs=board,
-        uploads=SurveyUploads(database, board, importer, spool, settings.max_survey_bytes),
+        uploads=SurveyUploads(
+            database, board, importer, Spool(spool_folder(settings)), settings.max_survey_bytes
+        ),
         session_surveys=SessionSurveys(database, clock),
         ageing=AgeingService(database),
         limits=ApiLimits(

@@ -35,6 +35,12 @@ class ServerProcess:
         self._process: subprocess.Popen[bytes] | None = None
 
     @property
+    def pid(self) -> int:
+        """Return the id of the process that serves now."""
+        assert self._process is not None
+        return self._process.pid
+
+    @property
     def headers(self) -> dict[str, str]:
         """Return the headers of an admin's request."""
         return {"Authorization": f"Bearer {self.token}"}

@@ -1,16 +1,20 @@
 """``/v1/jobs``: long work, how far it is, and what came of it."""
 
-from typing import Any
+from typing import Annotated, Any, Literal
 
+from fastapi import Query
 from pydantic import BaseModel
 
 from app.api.auth import check_site
 from app.api.fix import iso_time
-from app.api.resource import Context, Reader, registry_router
-from app.services.errors import found
-from app.storage.jobs import StoredJob
+from app.api.paging import Page, Paging, page_of
+from app.api.resource import Context, Reader, listed_site, registry_router
+from app.services.errors import AppError, ErrorCode, found
+from app.storage.jobs import JobKey, JobsAsked, StoredJob
 
 router = registry_router("/v1/jobs", "jobs")
+
+JobState = Literal["receiving", "waiting", "running", "done", "failed"]
 
 
 class Job(BaseModel):
@@ -40,6 +44,31 @@ def job_view(job: StoredJob) -> Job:
         created=iso_time(job.created_s),
         ended=None if job.ended_s is None else iso_time(job.ended_s),
     )
+
+
+@router.get("")
+async def list_jobs(
+    principal: Reader,
+    context: Context,
+    paging: Paging,
+    site_id: str | None = None,
+    kind: Annotated[str | None, Query(description="As jobs tell it: `survey import`")] = None,
+    state: JobState | None = None,
+) -> Page[Job]:
+    """List jobs, the newest first."""
+    after = None if paging.after is None else _job_key(paging.after)
+    wanted = JobsAsked(listed_site(principal, site_id), kind, state)
+    rows = await context.jobs.page(wanted, after=after, limit=paging.limit)
+    return page_of(rows, paging.limit, lambda job: f"{job.created_s!r} {job.job_id}", job_view)
+
+
+def _job_key(cursor: str) -> JobKey:
+    created, _, job_id = cursor.partition(" ")
+    try:
+        created_s = float(created)
+    except ValueError as error:
+        raise AppError(ErrorCode.INVALID_CURSOR, "the cursor is not one of jobs") from error
+    return created_s, job_id
 
 
 @router.get("/{job_id}")

@@ -1,20 +1,17 @@
 """``/v1/radio-maps/{id}/report`` and ``/ageing``: how good a radio map is, and how it ages."""
 
-import asyncio
-from importlib.util import find_spec
 from typing import Annotated
 
-import msgspec
 from fastapi import Body, Depends, Request, Response
 from pydantic import BaseModel, Field
 
 from app.api.auth import Role, check_site, require
 from app.api.fix import iso_time
-from app.api.negotiation import best_type
 from app.api.resource import Context, Reader, StrictModel, registry_router
-from app.api.survey_report_formats import report_html, report_json
+from app.api.survey_report_formats import report_json
+from app.api.survey_report_reply import REPORT_REPLIES, report_reply, report_type
 from app.services.access import Principal
-from app.services.errors import AppError, ErrorCode, found
+from app.services.errors import found
 from app.services.survey_reports import report_of
 from app.storage import ageing, radio_maps
 from app.storage.ageing import AgedTransmitter
@@ -22,7 +19,6 @@ from app.storage.ageing import AgedTransmitter
 router = registry_router("/v1/radio-maps", "radio maps")
 
 Surveyor = Annotated[Principal, Depends(require(Role.SURVEYOR))]
-JSON, HTML = "application/json", "text/html"
 
 
 class Aged(BaseModel):
@@ -56,29 +52,16 @@ class Quarantine(StrictModel):
 Asked = Annotated[Quarantine, Body(examples=[{"quarantine": ["mac:02005e005301"], "release": []}])]
 
 
-@router.get(
-    "/{radio_map_id}/report",
-    response_class=Response,
-    responses={200: {"content": {JSON: {"schema": {"type": "object"}}, HTML: {}}}},
-)
+@router.get("/{radio_map_id}/report", response_class=Response, responses=REPORT_REPLIES)
 async def get_report(
     radio_map_id: str, principal: Reader, context: Context, request: Request
 ) -> Response:
     """Return the survey report in metres, by Accept as JSON or as a page to be printed."""
-    media_type = best_type(request, (JSON, HTML))
-    if media_type == HTML and find_spec("matplotlib") is None:
-        detail = "the page needs matplotlib: install pharos[plots] on the server, or ask for JSON"
-        raise AppError(ErrorCode.NOT_ACCEPTABLE, detail)
+    media_type = report_type(request)
     await _checked(principal, context, radio_map_id)
-    reported = await context.database.read(lambda c: report_of(c, radio_map_id))
-    document = report_json(reported, context.clock.now_s())
-    headers = {"Vary": "Accept"}
-    if media_type == JSON:
-        return Response(msgspec.json.encode(document), 200, headers, JSON)
-    from app.api.survey_report_picture import floor_pictures  # noqa: PLC0415 - it needs an extra
-
-    pictures = await asyncio.to_thread(floor_pictures, reported)
-    return Response(report_html(document, pictures), 200, headers, HTML)
+    told = await context.database.read(lambda c: report_of(c, radio_map_id))
+    document = report_json(told, context.clock.now_s())
+    return await report_reply(media_type, document, told.reported)
 
 
 @router.get("/{radio_map_id}/ageing")

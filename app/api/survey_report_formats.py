@@ -6,8 +6,9 @@ from html import escape
 from typing import Any
 
 from app.api.fix import iso_time
-from app.core.fingerprint.survey_report import Conflict, ThinSpot
-from app.services.survey_reports import ReportedMap
+from app.core.fingerprint.quality import LeftOut
+from app.core.fingerprint.survey_report import Cells, Conflict, ThinSpot
+from app.services.survey_reports import JudgedBy, Reported, ReportedMap, ReportedSurvey
 
 DAY_S = 86_400.0
 
@@ -16,16 +17,47 @@ table{border-collapse:collapse;margin:1em 0}td,th{border:1px solid #999;padding:
 text-align:right}img{max-width:100%}h2{page-break-before:auto}"""
 
 
-def report_json(reported: ReportedMap, now_s: float) -> dict[str, Any]:
+_JUDGED = {
+    JudgedBy.OTHER_WALKS: "Each scan was matched with the other walks of the survey.",
+    JudgedBy.ACTIVE_RADIO_MAP: "It has one walk: its scans were matched with the active radio map.",
+    JudgedBy.NOTHING: "It has one walk, and nothing else can judge it: no error is known.",
+}
+
+
+def report_json(told: ReportedMap, now_s: float) -> dict[str, Any]:
     """Return the report; lengths in metres, shares 0 to 1, places in the site's frame."""
-    report, ids = reported.report, [floor.floor_id for floor in reported.floors]
-    cells = report.cells
+    radio_map = told.radio_map
     return {
-        "radio_map_id": reported.radio_map.radio_map_id,
-        "site_id": reported.radio_map.site_id,
-        "version": reported.radio_map.version,
-        "created": iso_time(reported.radio_map.created_s),
-        "age_days": round((now_s - reported.radio_map.created_s) / DAY_S, 2),
+        "radio_map_id": radio_map.radio_map_id,
+        "site_id": radio_map.site_id,
+        "version": radio_map.version,
+        **_created(radio_map.created_s, now_s),
+        **_findings(told.reported),
+    }
+
+
+def survey_report_json(told: ReportedSurvey, now_s: float) -> dict[str, Any]:
+    """Return the report of a survey in the same form; ``judged_by`` is a `JudgedBy`."""
+    survey = told.survey
+    return {
+        "survey_id": survey.survey_id,
+        "site_id": survey.site_id,
+        "name": survey.name,
+        "judged_by": told.judged_by.value,
+        "radio_map_id": None if told.radio_map is None else told.radio_map.radio_map_id,
+        **_created(survey.created_s, now_s),
+        **_findings(told.reported),
+    }
+
+
+def _created(created_s: float, now_s: float) -> dict[str, Any]:
+    age_days = round((now_s - created_s) / DAY_S, 2)
+    return {"created": iso_time(created_s), "age_days": age_days}
+
+
+def _findings(reported: Reported) -> dict[str, Any]:
+    report, ids = reported.report, [floor.floor_id for floor in reported.floors]
+    return {
         "floors": [
             {
                 "floor_id": ids[f.floor_index],
@@ -41,20 +73,28 @@ def report_json(reported: ReportedMap, now_s: float) -> dict[str, Any]:
         "thin_spots": [_spot(spot, ids) for spot in report.thin_spots],
         "conflicts": [_conflict(conflict, ids) for conflict in report.conflicts],
         "wrong_floors": [_conflict(conflict, ids) for conflict in report.wrong_floors],
-        "cells": {
-            "floor_id": [ids[i] for i in cells.floor_index.tolist()],
-            "x_m": [_rounded(v) for v in cells.x_m.tolist()],
-            "y_m": [_rounded(v) for v in cells.y_m.tolist()],
-            "predicted_error_m": [_rounded(v) for v in cells.predicted_error_m.tolist()],
-            "nearest_scan_m": [_rounded(v) for v in cells.nearest_scan_m.tolist()],
-        },
-        "scans": {
-            "floor_id": [ids[i] for i in report.left_out.floor_index.tolist()],
-            "x_m": [_rounded(v) for v in report.left_out.x_m.tolist()],
-            "y_m": [_rounded(v) for v in report.left_out.y_m.tolist()],
-            "error_m": [_rounded(v) for v in report.left_out.error_m.tolist()],
-            "transmitters": report.left_out.transmitters.tolist(),
-        },
+        "cells": _cells(report.cells, ids),
+        "scans": _scans(report.left_out, ids),
+    }
+
+
+def _cells(cells: Cells, ids: list[str]) -> dict[str, Any]:
+    return {
+        "floor_id": [ids[i] for i in cells.floor_index.tolist()],
+        "x_m": [_rounded(v) for v in cells.x_m.tolist()],
+        "y_m": [_rounded(v) for v in cells.y_m.tolist()],
+        "predicted_error_m": [_rounded(v) for v in cells.predicted_error_m.tolist()],
+        "nearest_scan_m": [_rounded(v) for v in cells.nearest_scan_m.tolist()],
+    }
+
+
+def _scans(left_out: LeftOut, ids: list[str]) -> dict[str, Any]:
+    return {
+        "floor_id": [ids[i] for i in left_out.floor_index.tolist()],
+        "x_m": [_rounded(v) for v in left_out.x_m.tolist()],
+        "y_m": [_rounded(v) for v in left_out.y_m.tolist()],
+        "error_m": [_rounded(v) for v in left_out.error_m.tolist()],
+        "transmitters": left_out.transmitters.tolist(),
     }
 
 
@@ -92,16 +132,15 @@ def report_html(document: dict[str, Any], pictures: dict[str, bytes]) -> bytes:
     Parameters
     ----------
     document
-        What `report_json` returns.
+        What `report_json` or `survey_report_json` returns.
     pictures
         A PNG by floor id.
     """
-    title = f"Survey report: {document['site_id']}, radio map version {document['version']}"
-    age = f"Built {document['created']}, {document['age_days']:.0f} days ago."
+    title, about = _headings(document)
     meaning = "Errors are of single scans matched alone, in metres; tracks are better than those."
     parts = [
         f"<h1>{escape(title)}</h1>",
-        f"<p>{escape(age)} {meaning}</p>",
+        f"<p>{escape(about)} {meaning}</p>",
         _table("Floors", document["floors"]),
         _table("Thin spots: survey these first", document["thin_spots"]),
         _table("Conflicts: far apart, look alike", document["conflicts"]),
@@ -117,6 +156,18 @@ def report_html(document: dict[str, Any], pictures: dict[str, bytes]) -> bytes:
         f"<style>{_STYLE}</style></head><body>{''.join(parts)}</body></html>"
     )
     return page.encode()
+
+
+def _headings(document: dict[str, Any]) -> tuple[str, str]:
+    site_id, age = (
+        document["site_id"],
+        f"{document['created']}, {document['age_days']:.0f} days ago",
+    )
+    if "survey_id" in document:
+        judged = _JUDGED[JudgedBy(document["judged_by"])]
+        named = document["name"] or document["survey_id"]
+        return f"Survey report: {site_id}, survey {named}", f"Stored {age}. {judged}"
+    return f"Survey report: {site_id}, radio map version {document['version']}", f"Built {age}."
 
 
 def _table(title: str, rows: list[dict[str, Any]]) -> str:

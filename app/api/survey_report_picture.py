@@ -8,19 +8,19 @@ import io
 from matplotlib.figure import Figure
 from matplotlib.image import imread
 
-from app.services.survey_reports import ReportedMap
+from app.services.survey_reports import Reported
 
 WORST_M = 15.0
 """Colours end here: beyond, a place is as good as not surveyed."""
 
 
-def floor_pictures(reported: ReportedMap) -> dict[str, bytes]:
+def floor_pictures(reported: Reported) -> dict[str, bytes]:
     """Return a PNG by floor id."""
     ids = [floor.floor_id for floor in reported.floors]
     return {floor_id: _floor_png(reported, index) for index, floor_id in enumerate(ids)}
 
 
-def _floor_png(reported: ReportedMap, index: int) -> bytes:
+def _floor_png(reported: Reported, index: int) -> bytes:
     floor, report = reported.floors[index], reported.report
     figure = Figure(figsize=(9.0, 7.0), layout="constrained")
     axes = figure.add_subplot()

@@ -22,9 +22,12 @@ from app.api.resource import (
     listed_site,
     registry_router,
 )
+from app.api.survey_report_formats import survey_report_json
+from app.api.survey_report_reply import REPORT_REPLIES, report_reply, report_type
 from app.services.errors import AppError, ErrorCode, found
+from app.services.survey_frames import UploadRequest
+from app.services.survey_reports import report_of_survey
 from app.services.survey_session import SessionSurvey
-from app.services.survey_uploads import UploadRequest
 from app.services.writing import write
 from app.storage import surveys
 from app.storage.jobs import StoredJob
@@ -142,6 +145,13 @@ async def continue_upload(
     return _accepted(response, await context.uploads.append(job_id, offset, _body(request)))
 
 
+@router.delete("/uploads/{job_id}", status_code=204)
+async def give_up_upload(job_id: str, principal: Surveyor, context: Context) -> None:
+    """Forget an upload that is not whole yet; its job fails."""
+    check_site(principal, context.uploads.site_of(job_id))
+    await context.uploads.give_up(job_id)
+
+
 @router.post("/from-session", status_code=201)
 async def survey_from_session(
     body: FromSession, response: Response, principal: Surveyor, context: Context
@@ -169,6 +179,18 @@ async def list_surveys(
 async def get_survey(survey_id: str, principal: Reader, context: Context) -> Survey:
     """Return what a survey holds, and what of its upload could not be used."""
     return _view(await _in_scope(survey_id, principal, context))
+
+
+@router.get("/{survey_id}/report", response_class=Response, responses=REPORT_REPLIES)
+async def get_survey_report(
+    survey_id: str, principal: Reader, context: Context, request: Request
+) -> Response:
+    """Return, as JSON or as a page, how good the radio map would be that it alone makes."""
+    media_type = report_type(request)
+    await _in_scope(survey_id, principal, context)
+    told = await context.database.read(lambda c: report_of_survey(c, survey_id))
+    document = survey_report_json(told, context.clock.now_s())
+    return await report_reply(media_type, document, told.reported)
 
 
 @router.delete("/{survey_id}", status_code=204)

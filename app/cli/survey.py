@@ -132,7 +132,9 @@ async def _asked(
         msg = f"{client.base_url} does not answer like a Pharos server"
         raise CommandError(msg) from error
     if not reply.is_success:
-        msg = f"the server refuses: {reply.status_code} {document.get('detail', '')}"
+        wrong = [f"{e['pointer']}: {e['detail']}" for e in document.get("errors", ())]
+        detail = "; ".join([document.get("detail", ""), *wrong])
+        msg = f"the server refuses: {reply.status_code} {detail}"
         raise CommandError(msg)
     return document
 

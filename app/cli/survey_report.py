@@ -1,20 +1,20 @@
-"""``pharos survey report`` and ``ageing``: what a radio map of the local database is worth."""
+"""``pharos survey report`` and ``ageing``: what maps and surveys of this database are worth."""
 
 import asyncio
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import msgspec
 import typer
 from rich.console import Console
 from rich.table import Table
 
-from app.api.survey_report_formats import report_html, report_json
+from app.api.survey_report_formats import report_html, report_json, survey_report_json
 from app.cli.errors import CommandError
 from app.cli.local import CLOCK, DatabaseOption, local_database
 from app.services.ageing import AgeingService
-from app.services.survey_reports import ReportedMap, report_of
+from app.services.survey_reports import Reported, report_of, report_of_survey
 from app.storage.ageing import AgedTransmitter
 
 RadioMapArgument = Annotated[
@@ -23,7 +23,14 @@ RadioMapArgument = Annotated[
 
 
 def report(
-    radio_map: RadioMapArgument,
+    radio_map: Annotated[
+        str | None,
+        typer.Argument(metavar="RADIO_MAP", help="Id of a radio map, as the API lists it."),
+    ] = None,
+    survey: Annotated[
+        str | None,
+        typer.Option(metavar="ID", help="Instead of a radio map: the one this survey would make."),
+    ] = None,
     json_file: Annotated[
         Path | None, typer.Option("--json", metavar="FILE", help="Write all of it as JSON.")
     ] = None,
@@ -32,13 +39,11 @@ def report(
     ] = None,
     database: DatabaseOption = None,
 ) -> None:
-    """Tell in metres how good a radio map is, and where to survey next."""
+    """Tell in metres how good a radio map or a survey is, and where to survey next."""
     if html_file is not None and find_spec("matplotlib") is None:
         msg = "--html needs matplotlib: install pharos[plots]"
         raise CommandError(msg, 2)
-    with local_database(database) as store:
-        reported = store.read_now(lambda c: report_of(c, radio_map))
-    document = report_json(reported, CLOCK.now_s())
+    document, reported = _told(radio_map, survey, database)
     for name in ("floors", "thin_spots", "conflicts", "wrong_floors"):
         Console().print(_table(name.replace("_", " "), document[name]))
     if json_file is not None:
@@ -47,7 +52,21 @@ def report(
         _write(html_file, _page(document, reported))
 
 
-def _page(document: dict[str, object], reported: ReportedMap) -> bytes:
+def _told(
+    radio_map: str | None, survey: str | None, database: str | None
+) -> tuple[dict[str, Any], Reported]:
+    with local_database(database) as store:
+        if radio_map is not None and survey is None:
+            of_map = store.read_now(lambda c: report_of(c, radio_map))
+            return report_json(of_map, CLOCK.now_s()), of_map.reported
+        if survey is not None and radio_map is None:
+            of_survey = store.read_now(lambda c: report_of_survey(c, survey))
+            return survey_report_json(of_survey, CLOCK.now_s()), of_survey.reported
+    msg = "name a radio map, or a survey by --survey"
+    raise CommandError(msg, 2)
+
+
+def _page(document: dict[str, Any], reported: Reported) -> bytes:
     from app.api.survey_report_picture import floor_pictures  # noqa: PLC0415 - it needs an extra
 
     return report_html(document, floor_pictures(reported))
@@ -86,7 +105,8 @@ async def _look(
 
 
 def _table(title: str, rows: list[dict[str, object]]) -> Table:
-    table = Table(title=title)
+    # Else the title of a narrow table is broken over several lines.
+    table = Table(title=title, min_width=len(title))
     for name in rows[0] if rows else ("none",):
         table.add_column(name, overflow="fold")
     for row in rows:

@@ -105,7 +105,7 @@ class SurveyFrame:
         if len(named) > 1:
             named = [floor for floor in named if floor.building == building.strip()]
         if len(named) != 1:
-            known = ", ".join(floor.name for floor in self.floors[:20])
+            known = ", ".join(f"{floor.floor_id} ({floor.name})" for floor in self.floors[:20])
             raise UnusableError(Reason.UNKNOWN_FLOOR, f"{name!r} is not one of: {known}")
         return named[0]
 

@@ -7,7 +7,6 @@ from typing import TypeAlias
 
 from app.services.errors import AppError, ErrorCode
 from app.services.jobs import JobBoard
-from app.storage.database import DatabaseUnavailableError
 from app.storage.jobs import StoredJob
 
 _LOG = logging.getLogger(__name__)
@@ -53,7 +52,4 @@ class JobLane:
             _LOG.exception("a %s for site %r has failed", self._kind, job.site_id)
             detail = f"the {self._kind} has failed; see the server's log"
             ended = job.failed(ErrorCode.INTERNAL.value, detail, self._board.now_s)
-        try:
-            await self._board.update(ended)
-        except DatabaseUnavailableError as error:
-            _LOG.warning("the end of job %s could not be stored: %s", job.job_id, error)
+        await self._board.end(ended)

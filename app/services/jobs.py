@@ -1,15 +1,23 @@
 """Long work that its owner can watch: stored, and told to all who listen to the topic of jobs."""
 
+import logging
+from collections.abc import Collection
 from uuid import uuid4
 
 from app.services.writing import write
 from app.sessions.hub import Hub, Topic
 from app.sessions.ports import Clock
 from app.storage import jobs
-from app.storage.database import Database
-from app.storage.jobs import StoredJob
+from app.storage.database import Database, DatabaseUnavailableError
+from app.storage.jobs import JobKey, JobsAsked, StoredJob
 
-CUT_OFF = {"code": "server_stopped", "detail": "the server was stopped meanwhile; send it again"}
+_LOG = logging.getLogger(__name__)
+
+SERVER_STOPPED = "server_stopped"
+CUT_OFF = {
+    "code": SERVER_STOPPED,
+    "detail": "the server was stopped before it had ended; nothing was changed, ask for it again",
+}
 
 
 class JobBoard:
@@ -43,6 +51,12 @@ class JobBoard:
         await self._database.write(lambda c: jobs.update_job(c, job))
         self._tell(job)
 
+    async def page(self, asked: JobsAsked, *, after: JobKey | None, limit: int) -> list[StoredJob]:
+        """Return up to ``limit + 1`` jobs, the newest first."""
+        return await self._database.read(
+            lambda c: jobs.list_jobs(c, asked, after=after, limit=limit)
+        )
+
     async def get(self, job_id: str) -> StoredJob | None:
         """Return a job."""
         live = self._live.get(job_id)
@@ -50,10 +64,19 @@ class JobBoard:
             return live
         return await self._database.read(lambda c: jobs.get_job(c, job_id))
 
-    async def fail_cut_off(self) -> None:
-        """Fail, at the start, the jobs that the end of the server cut off."""
+    async def end(self, job: StoredJob) -> None:
+        """Store and tell how a job ended; if the database takes no writes now, once it does."""
+        try:
+            await self._database.write(lambda c: jobs.update_job(c, job))
+        except DatabaseUnavailableError as error:
+            _LOG.warning("the end of job %s is stored later: %s", job.job_id, error)
+            self._database.submit(lambda c: jobs.update_job(c, job))
+        self._tell(job)
+
+    async def fail_cut_off(self, but: Collection[str]) -> None:
+        """Fail, at the start, the jobs that the end of the server cut off, ``but`` these."""
         now_s = self._clock.now_s()
-        await self._database.write(lambda c: jobs.fail_unended(c, CUT_OFF, now_s))
+        await self._database.write(lambda c: jobs.fail_unended(c, CUT_OFF, now_s, but))
 
     def _tell(self, job: StoredJob) -> None:
         if job.ended:

@@ -9,7 +9,14 @@ from app.core.fingerprint.cleaning import CleaningParams, LevelStatistics
 from app.core.fingerprint.point_survey import Scatter, cleaned_points, level_statistics
 from app.core.fingerprint.query import KeyChoice
 from app.core.fingerprint.radio_map import Fingerprint, RadioMap, build_radio_map, joined
-from app.core.fingerprint.survey import Place, chosen_keys, walk_fingerprints
+from app.core.fingerprint.survey import (
+    Place,
+    beacon_levels,
+    beacon_walk_fingerprints,
+    chosen_keys,
+    has_wifi,
+    walk_fingerprints,
+)
 from app.core.fingerprint.virtual import VirtualParams, virtual_fingerprints
 from app.core.fingerprint.wandering import Wanderer, WanderingParams, wanderers, without
 from app.core.fusion.survey_walk import (
@@ -63,8 +70,11 @@ class BuildReport:
     ----------
     walks, dead_reckoned_walks
         How many, and how many of them were placed along their strides.
+    beacon_walks
+        How many had no Wi-Fi, and became fingerprints of beacons alone.
     scans, placed_scans
-        Wi-Fi scans of walks, and those that became fingerprints.
+        Wi-Fi scans of walks (of those without Wi-Fi, the seconds that heard enough beacons), and
+        those that became fingerprints.
     point_scans, reference_points
         Scans of point surveys, and the fingerprints they became.
     other_floors
@@ -77,6 +87,7 @@ class BuildReport:
 
     walks: int = 0
     dead_reckoned_walks: int = 0
+    beacon_walks: int = 0
     scans: int = 0
     placed_scans: int = 0
     point_scans: int = 0
@@ -107,6 +118,7 @@ class _Placed:
     of_points: list[Fingerprint] = field(default_factory=list)
     walks: int = 0
     dead_reckoned: int = 0
+    beacon_walks: int = 0
     scans: int = 0
 
 
@@ -138,6 +150,7 @@ def built_map(
     report = BuildReport(
         walks=placed.walks,
         dead_reckoned_walks=placed.dead_reckoned,
+        beacon_walks=placed.beacon_walks,
         scans=placed.scans,
         placed_scans=len(of_walks),
         point_scans=len(placed.of_points),
@@ -183,8 +196,13 @@ def _place_walk(
 
     placed.walks += 1
     placed.dead_reckoned += len(path.time_s) > len(walk.waypoints)
-    placed.scans += sum(isinstance(scan, WifiScan) for scan in walk.scans)
-    placed.of_walks += walk_fingerprints(walk.scans, place_at, floor_index, walk.walk, rule)
+    if has_wifi(walk.scans):
+        placed.scans += sum(isinstance(scan, WifiScan) for scan in walk.scans)
+        placed.of_walks += walk_fingerprints(walk.scans, place_at, floor_index, walk.walk, rule)
+        return
+    placed.beacon_walks += 1
+    placed.scans += sum(1 for _ in beacon_levels(walk.scans, rule))
+    placed.of_walks += beacon_walk_fingerprints(walk.scans, place_at, floor_index, walk.walk, rule)
 
 
 def _path(walk: SurveyWalk, placing: Placing) -> PlacedWalk:

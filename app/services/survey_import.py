@@ -5,6 +5,7 @@ the survey, and whatever ends the import before that removes them.
 """
 
 import asyncio
+import logging
 import multiprocessing
 from dataclasses import replace
 from functools import partial
@@ -29,6 +30,8 @@ from app.storage.database import Database, DatabaseUnavailableError
 from app.storage.jobs import StoredJob
 from app.storage.surveys import StoredSurvey
 
+_LOG = logging.getLogger(__name__)
+
 
 class SurveyImporter:
     """Imports one file after the other."""
@@ -46,6 +49,9 @@ class SurveyImporter:
                 await self._import(replace(job, state="running"), task, name)
         except DatabaseUnavailableError as error:
             await self._fail(job, "unavailable", str(error))
+        except Exception:  # noqa: BLE001 - whoever uploaded must learn that it came to nothing
+            _LOG.exception("importing a survey of site %r has failed", job.site_id)
+            await self._fail(job, "internal", "the import has failed; see the server's log")
 
     async def _import(self, job: StoredJob, task: ParseTask, name: str) -> None:
         survey = StoredSurvey(uuid4().hex[:12], job.site_id, name, "", self._clock.now_s())
@@ -104,10 +110,10 @@ class SurveyImporter:
             "format": whole.survey_format,
             "unusable": parsed.unusable,
         }
-        await self._board.update(job.done(result, self._clock.now_s()))
+        await self._board.end(job.done(result, self._clock.now_s()))
 
     async def _fail(self, job: StoredJob, code: str, detail: str, **more: object) -> None:
-        await self._board.update(job.failed(code, detail, self._clock.now_s(), **more))
+        await self._board.end(job.failed(code, detail, self._clock.now_s(), **more))
 
 
 def _next_message(receiving: Connection) -> Message | None:

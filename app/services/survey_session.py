@@ -15,8 +15,8 @@ from app.formats.survey_places import Reason, SurveyFrame, Unusable, UnusableErr
 from app.services.access import Principal
 from app.services.errors import AppError, ErrorCode, found
 from app.services.replay import MAX_REPLAY_BYTES
+from app.services.survey_frames import UploadRequest, survey_frame
 from app.services.survey_parsing import SurveyTally, tally_of
-from app.services.survey_uploads import UploadRequest, survey_frame
 from app.services.writing import write
 from app.sessions.ports import Clock
 from app.storage import surveys

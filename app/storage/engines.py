@@ -1,6 +1,7 @@
 """SQLAlchemy engines: how connections to SQLite and PostgreSQL are opened."""
 
 import sqlite3
+from pathlib import Path
 
 from sqlalchemy import URL, Connection, Engine, create_engine, event, make_url
 
@@ -30,6 +31,14 @@ def migrating_engine(url: str) -> Engine:
 def reading_engine(url: str, readers: int) -> Engine:
     """Return an engine whose connections refuse to write."""
     return _engine(url, connections=readers, reading=True)
+
+
+def sqlite_file(url: str) -> Path | None:
+    """Return the file of a SQLite database; None for another database, or one in memory."""
+    parsed = make_url(url)
+    if parsed.get_backend_name() != "sqlite" or parsed.database in {None, "", ":memory:"}:
+        return None
+    return Path(str(parsed.database))
 
 
 def _engine(url: str, *, connections: int, reading: bool, foreign_keys: bool = True) -> Engine:

@@ -1,13 +1,17 @@
 """Long work as stored: what it does, how far it is, what came of it."""
 
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, TypeAlias
 
-from sqlalchemy import Connection, RowMapping, insert, select, update
+from sqlalchemy import Connection, RowMapping, insert, select, tuple_, update
 
 from app.storage.tables import JOBS
 
 ENDED = ("done", "failed")
+
+JobKey: TypeAlias = tuple[float, str]
+"""Where a page of the list ends: when its last job was made, and the job's id."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +55,15 @@ class StoredJob:
         return replace(self, state="failed", problem=problem, ended_s=ended_s)
 
 
+@dataclass(frozen=True, slots=True)
+class JobsAsked:
+    """Which jobs to list; None: any."""
+
+    site_id: str | None = None
+    kind: str | None = None
+    state: str | None = None
+
+
 def insert_job(connection: Connection, job: StoredJob) -> None:
     """Add a job."""
     connection.execute(insert(JOBS).values(id=job.job_id, **_values(job)))
@@ -67,9 +80,34 @@ def get_job(connection: Connection, job_id: str) -> StoredJob | None:
     return None if row is None else _stored(row)
 
 
-def fail_unended(connection: Connection, problem: dict[str, Any], ended_s: float) -> int:
-    """Fail the jobs that the end of the server cut off; return how many."""
-    cut_off = update(JOBS).where(JOBS.c.state.not_in(ENDED))
+def list_jobs_by_id(connection: Connection, job_ids: Sequence[str]) -> dict[str, StoredJob]:
+    """Return these jobs by id."""
+    rows = connection.execute(select(JOBS).where(JOBS.c.id.in_(job_ids))).mappings()
+    return {job.job_id: job for job in map(_stored, rows)}
+
+
+def list_jobs(
+    connection: Connection, asked: JobsAsked, *, after: JobKey | None, limit: int
+) -> list[StoredJob]:
+    """Return up to ``limit + 1`` jobs, the newest first, from behind ``after``."""
+    query = select(JOBS).order_by(JOBS.c.created_s.desc(), JOBS.c.id.desc()).limit(limit + 1)
+    for column, value in (
+        (JOBS.c.site_id, asked.site_id),
+        (JOBS.c.kind, asked.kind),
+        (JOBS.c.state, asked.state),
+    ):
+        if value is not None:
+            query = query.where(column == value)
+    if after is not None:
+        query = query.where(tuple_(JOBS.c.created_s, JOBS.c.id) < after)
+    return [_stored(row) for row in connection.execute(query).mappings()]
+
+
+def fail_unended(
+    connection: Connection, problem: dict[str, Any], ended_s: float, but: Collection[str] = ()
+) -> int:
+    """Fail the jobs that the end of the server cut off, ``but`` these; return how many."""
+    cut_off = update(JOBS).where(JOBS.c.state.not_in(ENDED), JOBS.c.id.not_in(but))
     return connection.execute(
         cut_off.values(state="failed", problem=problem, ended_s=ended_s)
     ).rowcount

@@ -21,6 +21,7 @@ from sqlalchemy import (
     text,
 )
 
+import app.storage.upload_tables  # noqa: F401 - it adds its table to METADATA
 from app.storage.columns import EXACT_FLOAT, JSON_OR_NULL, METADATA, ROW_ID
 
 

@@ -142,11 +142,12 @@ async def test_a_refused_upload_stores_nothing_although_its_beginning_was_good(s
     assert "cut off" in job["problem"]["detail"]
     assert await listed(server) == []
     database = server.app.state.context.database
+    await server.app.state.context.uploads.settle()
     await database.flush()
     for table in ("surveys", "survey_records"):
         query = f"SELECT count(*) FROM {table}"
         assert await database.read(lambda c, q=query: c.exec_driver_sql(q).scalar()) == 0
-    assert list(server.app.state.context.uploads.spool.iterdir()) == []
+    assert list(server.app.state.context.uploads.spool.folder.iterdir()) == []
 
 
 async def test_an_upload_is_continued_where_the_connection_broke(database_url: str):

@@ -1,11 +1,13 @@
 """Fingerprint matching: the index is exact; what is heard late or twice does no harm."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from app.core.fingerprint.matching import match, represent
 from app.core.fingerprint.query import Query, first_of, fresh_wifi_dbm, hear, mean_ble_dbm
-from app.core.fingerprint.radio_map import Fingerprint, build_radio_map
+from app.core.fingerprint.radio_map import Fingerprint, build_radio_map, joined
 from app.core.fingerprint.survey import chosen_keys, walk_fingerprints
 from app.core.params import MatchParams
 from app.core.types import BleScan, Reading, WifiScan
@@ -170,3 +172,15 @@ def test_a_map_of_other_floors_is_refused_and_reordered(radio_map):
     assert only.rows == radio_map.rows // 2
     with pytest.raises(ValueError, match="none of"):
         radio_map.with_floors(("elsewhere",))
+
+
+def test_what_a_phone_without_wifi_surveyed_moves_no_phone_with_wifi(fingerprints, radio_map):
+    beacons_alone = [
+        replace(f, wifi_dbm={}, survey_walk="iphone") for f in fingerprints[:40] for _ in range(3)
+    ]
+    both = joined(radio_map, beacons_alone)
+    for fingerprint in fingerprints[:60:7]:
+        query = Query(fingerprint.wifi_dbm, fingerprint.ble_dbm)
+        before, after = (match(query, known, PARAMS) for known in (radio_map, both))
+        assert np.array_equal(before.row, after.row)
+        assert np.allclose(before.weight, after.weight)

@@ -1,6 +1,7 @@
 """Hotspots that moved and addresses that rotated are named on evidence; nobody else is."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -102,3 +103,17 @@ def test_a_map_without_them_holds_the_others() -> None:
     kept = without(scans, frozenset({OTHER}))
     assert len(kept) == len(scans) - 1
     assert {key for scan in kept for key in scan.wifi_dbm} == {FIXED}
+
+
+def test_walks_that_cannot_hear_a_radio_are_no_evidence_against_its_transmitters() -> None:
+    """An iPhone hears no access point, and a phone that scans Wi-Fi alone hears no beacon."""
+    with_wifi = [scan for walk in "ab" for scan in corridor(walk=walk)]
+    beacons_alone = [
+        replace(scan, wifi_dbm={}, ble_dbm={OTHER: -85.0})
+        for walk in "cdefgh"
+        for scan in corridor(DAY_S, walk)
+    ]
+    assert wanderers([*with_wifi, *beacons_alone], PARAMS) == ()
+    # Phones that do hear Wi-Fi, and not that access point, are evidence.
+    deaf = [replace(scan, wifi_dbm={OTHER: -60.0}, ble_dbm={}) for scan in beacons_alone]
+    assert FIXED in {one.key for one in wanderers([*with_wifi, *deaf], PARAMS)}

@@ -7,7 +7,7 @@ import numpy as np
 
 from app.core.fingerprint.matching import Matches, likeness, match, match_index
 from app.core.fingerprint.query import Query
-from app.core.fingerprint.radio_map import WIFI, RadioMap
+from app.core.fingerprint.radio_map import WIFI, Fingerprint, RadioMap
 from app.core.fingerprint.virtual import VIRTUAL_WALK
 from app.core.params import MatchParams
 from app.core.types import BoolArray, FloatArray
@@ -61,6 +61,20 @@ def query_of(radio_map: RadioMap, row: int) -> Query:
         levels = wifi_dbm if radio_map.radio[column] == WIFI else ble_dbm
         levels[radio_map.transmitters[column]] = float(radio_map.rssi_dbm[entry])
     return Query(wifi_dbm, ble_dbm)
+
+
+def fingerprints_of(radio_map: RadioMap) -> Iterator[Fingerprint]:
+    """Yield the rows of a map as fingerprints; when they were taken it does not know."""
+    for row in range(radio_map.rows):
+        heard = query_of(radio_map, row)
+        yield Fingerprint(
+            int(radio_map.floor_index[row]),
+            float(radio_map.x_m[row]),
+            float(radio_map.y_m[row]),
+            heard.wifi_dbm,
+            heard.ble_dbm,
+            radio_map.survey_walks[row],
+        )
 
 
 def left_out_matches(

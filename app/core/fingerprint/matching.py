@@ -14,7 +14,7 @@ from app.core.fingerprint.query import Query
 from app.core.fingerprint.radio_map import BLE, WIFI, RadioMap
 from app.core.fingerprint.virtual import is_virtual
 from app.core.params import MatchParams
-from app.core.types import FloatArray, IntArray
+from app.core.types import BoolArray, FloatArray, IntArray
 
 LEAST_SORENSEN = 0.05
 """Two scans of one place, one after the other, are no more alike than this."""
@@ -29,7 +29,8 @@ class MatchIndex:
     a = ((rssi - floor) / -floor)^e for the Sørensen distance, ``power`` the same with the cosine's
     exponent (of Wi-Fi only; one array where the exponents are equal); ``share_sum`` and
     ``power_norm`` are their sums and norms per row, apart for Wi-Fi and BLE (first axis). ``crowd``
-    is how many fingerprints lie about each row, ``virtual`` 1 for those that nobody surveyed.
+    is how many fingerprints lie about each row (see `_crowd`), ``virtual`` 1 for those that nobody
+    surveyed.
     """
 
     row: npt.NDArray[np.uint32]
@@ -89,23 +90,29 @@ def match_index(radio_map: RadioMap, params: MatchParams) -> MatchIndex:
     power_norm = np.sqrt(np.bincount(rows, power**2 * ~is_ble, radio_map.rows))
     by_column = np.argsort(radio_map.column, kind="stable")
     share_by_column = share[by_column]
+    has_wifi = np.bincount(rows, ~is_ble, radio_map.rows) > 0
     return MatchIndex(
         row=radio_map.row.astype(np.uint32),
         share=share_by_column,
         power=share_by_column if power is share else power[by_column],
         share_sum=share_sum,
         power_norm=power_norm,
-        crowd=_crowd(radio_map, params.crowd_m),
+        crowd=_crowd(radio_map, params.crowd_m, has_wifi),
         virtual=is_virtual(radio_map).astype(np.float64),
     )
 
 
-def _crowd(radio_map: RadioMap, within_m: float) -> FloatArray:
-    """Return how many fingerprints of its floor lie within a distance of each, itself one."""
+def _crowd(radio_map: RadioMap, within_m: float, has_wifi: BoolArray) -> FloatArray:
+    """Return how many fingerprints of its floor lie within a distance of each, itself one.
+
+    Those with Wi-Fi and those of beacons alone (``has_wifi`` (rows,)) apart: where a phone without
+    Wi-Fi surveyed too, scans with Wi-Fi are no likelier and no less likely than elsewhere.
+    """
     crowd = np.ones(radio_map.rows)
     places = np.column_stack([radio_map.x_m, radio_map.y_m])
-    for floor in np.unique(radio_map.floor_index):
-        rows = np.flatnonzero(radio_map.floor_index == floor)
+    group = 2 * radio_map.floor_index + has_wifi
+    for one in np.unique(group):
+        rows = np.flatnonzero(group == one)
         tree = cKDTree(places[rows])
         crowd[rows] = tree.query_ball_point(places[rows], within_m, return_length=True)
     return crowd

@@ -16,7 +16,8 @@ On ms2020 density alone ranks errors best, their distance to the nearest scan a 
 the spread of candidates not at all; so do errors around where they are not put against density.
 """
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
 
 import numpy as np
 from scipy.optimize import nnls
@@ -25,6 +26,9 @@ from app.core.fingerprint.leaving_out import is_surveyed, left_out_matches, sing
 from app.core.fingerprint.radio_map import RadioMap
 from app.core.params import MatchParams
 from app.core.types import FloatArray, IntArray
+
+STRIDE_ROWS = 256
+"""Against 20,000 scans 40 MB of weights at a time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,11 +60,13 @@ class LeftOut:
     Attributes
     ----------
     floor_index, x_m, y_m, walk
-        Where each was taken, and the number of its walk.
+        Where each was taken, and the number of its walk in ``walks``.
     fix_floor_index, fix_x_m, fix_y_m, spread_m
         The single fix, see `SingleFix`; floor -1 and nan where no other walk heard any of it.
     transmitters
         How many were heard.
+    walks
+        Names of the walks.
     """
 
     floor_index: IntArray
@@ -72,6 +78,7 @@ class LeftOut:
     fix_y_m: FloatArray
     spread_m: FloatArray
     transmitters: IntArray
+    walks: tuple[str, ...]
 
     @property
     def error_m(self) -> FloatArray:
@@ -81,6 +88,13 @@ class LeftOut:
     def places(self) -> FloatArray:
         """Return where the scans were taken (n, 2)."""
         return np.column_stack([self.x_m, self.y_m])
+
+    def of_walks(self, names: frozenset[str]) -> "LeftOut":
+        """Return the scans of these walks alone."""
+        named = np.array([name in names for name in self.walks], dtype=np.bool_)
+        keep = named[self.walk]
+        arrays = {f.name: getattr(self, f.name)[keep] for f in fields(self) if f.name != "walks"}
+        return LeftOut(**arrays, walks=self.walks)
 
 
 def left_out_fixes(radio_map: RadioMap, params: MatchParams) -> LeftOut:
@@ -102,6 +116,7 @@ def left_out_fixes(radio_map: RadioMap, params: MatchParams) -> LeftOut:
         fix_y_m=fixes[:, 2],
         spread_m=fixes[:, 3],
         transmitters=np.diff(surveyed.row_start),
+        walks=tuple(names),
     )
 
 
@@ -138,9 +153,11 @@ def fit_error_model(left_out: LeftOut, params: QualityParams) -> ErrorModel:
     error_m = np.minimum(
         np.nan_to_num(left_out.error_m, nan=params.error_cap_m), params.error_cap_m
     )
-    weight = _weights(left_out.places(), left_out.floor_index, left_out, params)
-    weight[left_out.walk[:, None] == left_out.walk[None]] = 0.0
-    sparse = 1.0 / (1.0 + weight.sum(axis=1))
+    sparse = np.empty(len(error_m))
+    for rows in _strides(len(error_m)):
+        weight = _weights(left_out.places()[rows], left_out.floor_index[rows], left_out, params)
+        weight[left_out.walk[rows, None] == left_out.walk[None]] = 0.0
+        sparse[rows] = 1.0 / (1.0 + weight.sum(axis=1))
     (base_m, sparse_m), _ = nnls(np.column_stack([np.ones_like(sparse), sparse]), error_m)
     usual_m = np.maximum(base_m + sparse_m * sparse, np.finfo(np.float64).tiny)
     return ErrorModel(left_out, float(base_m), float(sparse_m), error_m / usual_m, params)
@@ -148,12 +165,21 @@ def fit_error_model(left_out: LeftOut, params: QualityParams) -> ErrorModel:
 
 def predicted_error_m(model: ErrorModel, places: FloatArray, floor_index: IntArray) -> FloatArray:
     """Return e(q) (n,) at places q (n, 2) of floors (n,)."""
-    weight = _weights(places, floor_index, model.left_out, model.params)
-    total = weight.sum(axis=1)
-    usual_m = model.base_m + model.sparse_m / (1.0 + total)
     shrinkage = model.params.shrinkage
     lean = shrinkage * float(model.excess.mean())
-    return np.asarray(usual_m * (weight @ model.excess + lean) / (total + shrinkage))
+    predicted_m = np.empty(len(places))
+    for rows in _strides(len(places)):
+        weight = _weights(places[rows], floor_index[rows], model.left_out, model.params)
+        total = weight.sum(axis=1)
+        usual_m = model.base_m + model.sparse_m / (1.0 + total)
+        predicted_m[rows] = usual_m * (weight @ model.excess + lean) / (total + shrinkage)
+    return predicted_m
+
+
+def _strides(rows: int) -> Iterator[slice]:
+    """Yield slices of some rows each: weights of all at once would take memory by their square."""
+    for begin in range(0, rows, STRIDE_ROWS):
+        yield slice(begin, begin + STRIDE_ROWS)
 
 
 def _weights(

@@ -1,5 +1,10 @@
-"""From surveyed walks to fingerprints: one per Wi-Fi scan, at the place where it was reported."""
+"""From surveyed walks to fingerprints, each at the place where it was reported.
 
+A walk with Wi-Fi gives one per Wi-Fi scan, with the beacons of the seconds before. A walk of a
+phone that cannot scan Wi-Fi (an iPhone) gives one a second of beacons alone.
+"""
+
+import math
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator
 
@@ -16,6 +21,9 @@ from app.core.params import MatchParams
 from app.core.types import BleScan, Observation, WifiScan
 
 Place = tuple[float, float]
+
+BEACONS_EVERY_S = 1.0
+"""At walking pace 1.2 m apart; phones report their advertisements about once a second."""
 
 
 def walk_fingerprints(
@@ -41,6 +49,47 @@ def walk_fingerprints(
         place = place_at(time_s)
         if place is not None:
             yield Fingerprint(floor_index, *place, wifi_dbm, ble_dbm, walk, time_s)
+
+
+def beacon_walk_fingerprints(
+    observations: Iterable[Observation],
+    place_at: Callable[[float], Place | None],
+    floor_index: int,
+    walk: str,
+    rule: tuple[KeyChoice, MatchParams],
+) -> Iterator[Fingerprint]:
+    """Yield the fingerprints of a walk without Wi-Fi; see above."""
+    for time_s, ble_dbm in beacon_levels(observations, rule):
+        place = place_at(time_s)
+        if place is not None:
+            yield Fingerprint(floor_index, *place, {}, ble_dbm, walk, time_s)
+
+
+def has_wifi(observations: Iterable[Observation]) -> bool:
+    """Return whether a phone scanned Wi-Fi at all."""
+    return any(isinstance(observation, WifiScan) for observation in observations)
+
+
+def beacon_levels(
+    observations: Iterable[Observation], rule: tuple[KeyChoice, MatchParams]
+) -> Iterator[tuple[float, dict[str, float]]]:
+    """Yield time and mean levels of the last ``ble_window_s``, every `BEACONS_EVERY_S` at most.
+
+    The window is the live matcher's for phones without Wi-Fi, so that map and query lag alike.
+    """
+    choose, params = rule
+    heard: tuple[Advertisement, ...] = ()
+    next_s = -math.inf
+    for observation in observations:
+        if not isinstance(observation, BleScan):
+            continue
+        heard = hear(heard, observation, params.ble_window_s)
+        if observation.time_s < next_s:
+            continue
+        ble_dbm = mean_ble_dbm(heard, choose)
+        if len(ble_dbm) >= params.min_readings:
+            next_s = observation.time_s + BEACONS_EVERY_S
+            yield observation.time_s, ble_dbm
 
 
 def scan_levels(

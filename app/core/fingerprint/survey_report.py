@@ -123,6 +123,7 @@ def survey_report(
     places: Sequence[FloatArray],
     matching: MatchParams,
     params: ReportParams,
+    walks: frozenset[str] | None = None,
 ) -> SurveyReport:
     """Return the report of a radio map.
 
@@ -130,6 +131,9 @@ def survey_report(
     ----------
     places
         Per floor of the map, the places (n, 2) of a grid of ``cell_m`` where people walk.
+    walks
+        Tell only of the scans of these walks; cells and thin spots are still the whole map's. None:
+        of all.
 
     Raises
     ------
@@ -139,6 +143,8 @@ def survey_report(
     left_out = left_out_fixes(radio_map, matching)
     model = fit_error_model(left_out, params.quality)
     cells = _cells(model, places)
+    if walks is not None:
+        left_out = left_out.of_walks(walks)
     floors = tuple(_floor_quality(left_out, i) for i in range(len(places)))
     other_floor = (left_out.fix_floor_index >= 0) & (
         left_out.fix_floor_index != left_out.floor_index

@@ -16,7 +16,8 @@ must not condemn a transmitter: such a pair must be left without the scan that h
 **Rotated.** An address that was heard only within ``rotation_s``, by a share ``p`` of the scans
 made then around the places where it was heard, and by none of the n scans made there at other
 times, is still on the air with a chance of at most ``(1 - p)^n``; below ``chance_ratio`` it is
-taken for gone.
+taken for gone. Scans of walks that heard nothing at all of its radio (an iPhone hears no Wi-Fi)
+count neither way.
 """
 
 from collections.abc import Iterator, Sequence
@@ -26,8 +27,8 @@ from enum import StrEnum
 import numpy as np
 from scipy.spatial import cKDTree
 
-from app.core.fingerprint.radio_map import BLE, Fingerprint, RadioMap, build_radio_map
-from app.core.types import FloatArray, IntArray
+from app.core.fingerprint.radio_map import BLE, WIFI, Fingerprint, RadioMap, build_radio_map
+from app.core.types import BoolArray, FloatArray, IntArray
 
 
 class Reason(StrEnum):
@@ -150,6 +151,7 @@ def _farthest_contradiction(
 
 def _rotated(heard: RadioMap, time_s: FloatArray, params: WanderingParams) -> Iterator[Wanderer]:
     near = _near_scans(heard, params)
+    listens = [_listening(heard, radio) for radio in (WIFI, BLE)]
     for column, key in enumerate(heard.transmitters):
         rows = heard.row[heard.column_start[column] : heard.column_start[column + 1]]
         span_s = float(np.ptp(time_s[rows]))
@@ -157,6 +159,7 @@ def _rotated(heard: RadioMap, time_s: FloatArray, params: WanderingParams) -> It
         if len(rows) < params.least_heard or not span_s <= params.rotation_s:
             continue
         around = np.unique(np.concatenate([near[row] for row in rows.tolist()]))
+        around = around[listens[heard.radio[column]][around]]
         first_s, last_s = time_s[rows].min(), time_s[rows].max()
         then = (time_s[around] >= first_s) & (time_s[around] <= last_s)
         # Other than by one life of the address, so that it cannot have been just before or after.
@@ -170,6 +173,13 @@ def _rotated(heard: RadioMap, time_s: FloatArray, params: WanderingParams) -> It
                 f"by none of {missed} around there at other times"
             )
             yield Wanderer(key, Reason.ROTATED, evidence)
+
+
+def _listening(heard: RadioMap, radio: int) -> BoolArray:
+    """Return which scans (rows,) are of walks that heard this radio at all."""
+    rows = np.unique(heard.row[np.repeat(heard.radio == radio, np.diff(heard.column_start))])
+    walks = {heard.survey_walks[row] for row in rows.tolist()}
+    return np.array([walk in walks for walk in heard.survey_walks], dtype=np.bool_)
 
 
 def _near_scans(heard: RadioMap, params: WanderingParams) -> list[IntArray]:
