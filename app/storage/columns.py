@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from sqlalchemy import JSON, BigInteger, Double, Integer, MetaData
+from sqlalchemy import JSON, BigInteger, Column, Double, ForeignKey, Integer, MetaData, String
 from sqlalchemy.types import TypeEngine, UserDefinedType
 
 
@@ -40,3 +40,19 @@ ROW_ID = BigInteger().with_variant(Integer(), "sqlite")
 EXACT_FLOAT: TypeEngine[float] = Double().with_variant(ExactFloat(), "sqlite")
 # Absent JSON is SQL NULL, never the JSON text "null".
 JSON_OR_NULL = JSON(none_as_null=True)
+
+
+def site_id_column(*, nullable: bool = False, index: bool = True) -> Column[str]:
+    """Return the column that says whose site a row is."""
+    return Column(
+        "site_id",
+        String,
+        ForeignKey("sites.id", ondelete="SET NULL" if nullable else "CASCADE"),
+        nullable=nullable,
+        index=index,
+    )
+
+
+def row_version_column() -> Column[int]:
+    """Return the column that counts the edits of a row: its ETag."""
+    return Column("row_version", Integer, nullable=False, server_default="1")

@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass
 from sqlalchemy import Connection, delete, insert, select, update
 
 from app.storage.jobs import StoredJob, list_jobs_by_id
-from app.storage.upload_tables import SURVEY_UPLOADS
+from app.storage.survey_tables import SURVEY_UPLOADS
 
 
 @dataclass(frozen=True, slots=True)

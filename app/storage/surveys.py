@@ -9,7 +9,7 @@ from sqlalchemy import Connection, RowMapping, delete, insert, select, update
 from app.core.survey import Surveyed, SurveyPoint, SurveyWalk
 from app.storage.codec import VariantCodec
 from app.storage.rows import unique
-from app.storage.tables import SURVEY_RECORDS, SURVEYS
+from app.storage.survey_tables import SURVEY_RECORDS, SURVEYS
 
 _CODEC: VariantCodec[Surveyed] = VariantCodec({"walk": SurveyWalk, "point": SurveyPoint})
 

@@ -21,23 +21,15 @@ from sqlalchemy import (
     text,
 )
 
-import app.storage.upload_tables  # noqa: F401 - it adds its table to METADATA
-from app.storage.columns import EXACT_FLOAT, JSON_OR_NULL, METADATA, ROW_ID
-
-
-def _site_id(*, nullable: bool = False, index: bool = True) -> Column[str]:
-    return Column(
-        "site_id",
-        String,
-        ForeignKey("sites.id", ondelete="SET NULL" if nullable else "CASCADE"),
-        nullable=nullable,
-        index=index,
-    )
-
-
-def _row_version() -> Column[int]:
-    return Column("row_version", Integer, nullable=False, server_default="1")
-
+import app.storage.survey_tables  # noqa: F401 - it adds its tables to METADATA
+from app.storage.columns import (
+    EXACT_FLOAT,
+    JSON_OR_NULL,
+    METADATA,
+    ROW_ID,
+    row_version_column,
+    site_id_column,
+)
 
 SITES = Table(
     "sites",
@@ -53,14 +45,14 @@ SITES = Table(
     Column("created_s", Double, nullable=False),
     # Counts the edits of all that the engine sees of the site: floors, maps, beacons, radio map.
     Column("model_version", Integer, nullable=False, server_default="1"),
-    _row_version(),
+    row_version_column(),
 )
 
 FLOORS = Table(
     "floors",
     METADATA,
     Column("id", String, primary_key=True),
-    _site_id(index=False),
+    site_id_column(index=False),
     Column("name", String, nullable=False),
     Column("building", String, nullable=False, server_default=""),
     Column("ordinal", Integer, nullable=False),
@@ -75,7 +67,7 @@ FLOORS = Table(
     # A `core.geometry.Walkable`, encoded by storage.codec.
     Column("walkable", LargeBinary),
     Column("georeference", JSON_OR_NULL),
-    _row_version(),
+    row_version_column(),
     CheckConstraint("width_m > 0 AND height_m > 0", name="size"),
     UniqueConstraint("site_id", "building", "name"),
 )
@@ -84,7 +76,7 @@ BEACONS = Table(
     "beacons",
     METADATA,
     Column("id", String, primary_key=True),
-    _site_id(),
+    site_id_column(),
     # A beacon that is registered but not placed yet has no floor and no position.
     Column("floor_id", String, ForeignKey("floors.id", ondelete="SET NULL"), index=True),
     Column("kind", String, nullable=False),
@@ -96,7 +88,7 @@ BEACONS = Table(
     Column("ref_distance_m", Double, nullable=False),
     Column("path_loss_exponent", Double, nullable=False),
     Column("shadowing_db", Double, nullable=False),
-    _row_version(),
+    row_version_column(),
     CheckConstraint("kind IN ('ble', 'wifi')", name="kind"),
 )
 
@@ -133,7 +125,7 @@ CALIBRATIONS = Table(
     "calibrations",
     METADATA,
     Column("id", String, primary_key=True),
-    _site_id(),
+    site_id_column(),
     Column(
         "floor_id",
         String,
@@ -150,7 +142,7 @@ CALIBRATIONS = Table(
     Column("created_s", Double, nullable=False),
     # NULL: a draft.
     Column("applied_s", Double),
-    _row_version(),
+    row_version_column(),
     CheckConstraint("kind IN ('levels', 'places')", name="kind"),
 )
 
@@ -159,7 +151,7 @@ DEVICES = Table(
     METADATA,
     # The phone's own name for itself.
     Column("id", String, primary_key=True),
-    _site_id(nullable=True),
+    site_id_column(nullable=True),
     Column("name", String, nullable=False, server_default=""),
     Column("person", String),
     Column("platform", String),
@@ -169,7 +161,7 @@ DEVICES = Table(
     Column("level_offset_db", Double, nullable=False, server_default="0"),
     Column("first_seen_s", Double),
     Column("last_seen_s", Double),
-    _row_version(),
+    row_version_column(),
 )
 
 TOKENS = Table(
@@ -189,54 +181,11 @@ TOKENS = Table(
     CheckConstraint("role IN ('admin', 'supervisor', 'surveyor', 'viewer', 'device')", name="role"),
 )
 
-SURVEYS = Table(
-    "surveys",
-    METADATA,
-    Column("id", String, primary_key=True),
-    _site_id(),
-    Column("name", String, nullable=False, server_default=""),
-    # Name of the format it was uploaded in.
-    Column("format", String, nullable=False),
-    Column("device_id", String),
-    Column("device_model", String),
-    Column("created_s", Double, nullable=False),
-    # Records come in strides; until the last one is there, nobody sees the survey.
-    Column("complete", Boolean, nullable=False, server_default=text("false")),
-    # What it holds per floor, see storage.surveys.Holding.
-    Column("holdings", JSON_OR_NULL),
-    # What of the upload could not be used: counts by reason, and the first places.
-    Column("unusable", JSON_OR_NULL),
-    _row_version(),
-)
-
-SURVEY_RECORDS = Table(
-    "survey_records",
-    METADATA,
-    Column("id", ROW_ID, primary_key=True),
-    Column(
-        "survey_id",
-        String,
-        ForeignKey("surveys.id", ondelete="CASCADE"),
-        nullable=False,
-        index=True,
-    ),
-    # No foreign key: a floor that is taken out and put back finds its survey again.
-    Column("floor_id", String, nullable=False),
-    Column("kind", String, nullable=False),
-    # Name of the walk; of points the walk they belong to, if any.
-    Column("walk", String, nullable=False, server_default=""),
-    Column("first_s", Double),
-    Column("last_s", Double),
-    # One core.survey.SurveyWalk, or a few hundred SurveyPoints, encoded by storage.codec.
-    Column("payload", LargeBinary, nullable=False),
-    CheckConstraint("kind IN ('walk', 'points')", name="kind"),
-)
-
 JOBS = Table(
     "jobs",
     METADATA,
     Column("id", String, primary_key=True),
-    _site_id(),
+    site_id_column(),
     # What it does: "survey import" and others.
     Column("kind", String, nullable=False),
     Column("state", String, nullable=False),
@@ -254,7 +203,7 @@ RADIO_MAPS = Table(
     "radio_maps",
     METADATA,
     Column("id", String, primary_key=True),
-    _site_id(index=False),
+    site_id_column(index=False),
     Column("version", Integer, nullable=False),
     Column("active", Boolean, nullable=False, server_default=text("false")),
     Column("label", String, nullable=False, server_default=""),
@@ -305,7 +254,7 @@ SESSIONS = Table(
     Column("device_id", String, ForeignKey("devices.id", ondelete="CASCADE"), nullable=False),
     # The phone's name for the session.
     Column("session", String, nullable=False),
-    _site_id(),
+    site_id_column(),
     Column("profile", String, nullable=False),
     # The phone named the profile: it does not follow when its device or site gets another one.
     Column("profile_named", Boolean, nullable=False, server_default=text("false")),
@@ -397,7 +346,7 @@ QUARANTINED_SESSIONS = Table(
     METADATA,
     # With the session, and so with its device, what was learned from it is forgotten.
     _session_key(),
-    _site_id(),
+    site_id_column(),
     Column("collected_s", Double, nullable=False),
     # NULL once accepted or discarded: what is left says that the session is not to be taken again.
     Column("decided_s", Double),

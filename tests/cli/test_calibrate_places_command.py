@@ -171,4 +171,4 @@ async def post_session(database: Database) -> None:
             told.append(Truth(time_s, x, y, "lab-0"))
         readings = [Reading((f"ibeacon:{UUID}:1:{m}",), level_dbm(m, x, y)) for m in PLACES]
         told.append(BleScan(time_s, tuple(readings)))
-    await log.append(LoggedBatch("s1", 0, b"", T0_S, tuple(told)))
+    await log.append(LoggedBatch("s1", 0, b"", T0_S, tuple(told)), clock)

@@ -6,10 +6,11 @@ import math
 import numpy as np
 import pytest
 
-from app.core.engine import advance, event_time_s, finish, order_key, start
+from app.core.engine import advance, finish, order_key, start
 from app.core.engine.report import radius95_m
 from app.core.fingerprint.radio_map import Fingerprint, build_radio_map
 from app.core.params import Params
+from app.core.session import event_time_s
 from app.core.simulate import walk, warehouse
 from app.core.site import Floor, SiteModel
 from app.core.types import (

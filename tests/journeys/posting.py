@@ -17,8 +17,8 @@ from app.formats.ingest_body import ingest_body
 Batch = tuple[int, bytes]
 """A sequence number and the body that is sent under it, always the same bytes."""
 
-BOOTED_MS = 1_763_760_000_123
-"""When the phone's monotonic clock began to count."""
+BOOTED_BEFORE_MS = 86_400_123
+"""How long before its first record the phone's monotonic clock began to count."""
 
 
 def header(device_id: str, site_id: str) -> dict[str, Any]:
@@ -54,17 +54,23 @@ def by_monotonic_clock(
     Between its two readings a few milliseconds pass, as many as the seq is; none in the first.
     """
     timed = []
+    booted_ms = math.floor(_first_ms(batches)) - BOOTED_BEFORE_MS
     for seq, body in batches:
         document = json.loads(body)
         for record in document["records"]:
             for name in ("t_ms", "t0_ms", "t1_ms"):
                 if name in record:
-                    own_ms = round(record.pop(name) - BOOTED_MS, 3)
+                    own_ms = round(record.pop(name) - booted_ms, 3)
                     record[name.replace("t", "mono", 1)] = own_ms
-        told = {"sent_ms": BOOTED_MS + 1e6 + seq, "mono_ms": 1e6} if seq in tell_clocks else {}
+        told = {"sent_ms": booted_ms + 1e6 + seq, "mono_ms": 1e6} if seq in tell_clocks else {}
         document["clock"] = {**shared["clock"], **told}
         timed.append((seq, json.dumps(document).encode()))
     return timed
+
+
+def _first_ms(batches: Sequence[Batch]) -> float:
+    (record, *_) = json.loads(batches[0][1])["records"]
+    return float(record.get("t_ms", record.get("t0_ms")))
 
 
 def neighbours_swapped(batches: Sequence[Batch]) -> list[Batch]:

@@ -147,7 +147,7 @@ async def test_swapped_and_repeated_batches_give_the_same_track(database: Databa
     for batch in batches:
         first = await process.registry.submit(batch)
         again = await process.registry.submit(batch)
-        assert again == replace(first, duplicate=True)
+        assert again == replace(first, duplicate=True, observations=())
     assert await process.live_track(database) == _straight(_walk(True).observations)
     await process.finish()
     assert await _stored(database) == _smoothed(_walk(True).observations)
