@@ -10,8 +10,8 @@ from app.core.fingerprint.ageing import (
     Suspect,
     appeared,
     find_aged,
-    own_residuals,
 )
+from app.core.fingerprint.contradiction import learned_weights
 from app.core.fingerprint.query import Query
 from app.core.fingerprint.radio_map import Fingerprint, RadioMap, build_radio_map
 from app.core.params import MatchParams
@@ -58,8 +58,9 @@ def renamed(scans: list[Query], names: dict[str, str | None]) -> list[Query]:
 
 
 def aged(scans: list[Query], radio_map: RadioMap, params: AgeingParams = PARAMS) -> list[Suspect]:
-    own = own_residuals(radio_map, MATCHING, params)
-    return find_aged(scans, radio_map, own, MATCHING, params)
+    weights = learned_weights(radio_map, MATCHING)
+    # Each scan is a session: traffic() jumps all over the hall.
+    return find_aged([[scan] for scan in scans], radio_map, weights, MATCHING, params)
 
 
 def test_traffic_like_the_survey_names_nobody(radio_map: RadioMap):
@@ -78,7 +79,7 @@ def test_transmitters_that_changed_places_have_moved(radio_map: RadioMap):
 def test_a_silent_transmitter_has_vanished(radio_map: RadioMap):
     (suspect,) = aged(renamed(traffic(4), {FIRST: None}), radio_map)
     assert (suspect.key, suspect.change, suspect.scans) == (FIRST, Change.VANISHED, 0)
-    assert suspect.heard == 0.0 < suspect.expected
+    assert suspect.misplaced == 0 < suspect.expected
 
 
 def test_little_traffic_accuses_nobody(radio_map: RadioMap):
@@ -91,12 +92,12 @@ def test_no_traffic_accuses_nobody(radio_map: RadioMap):
 
 def test_an_unknown_transmitter_heard_often_has_appeared(radio_map: RadioMap):
     scans = renamed(traffic(6), {FIRST: "mac:ffffffffffff"})
-    (new,) = appeared(scans, radio_map, MATCHING, PARAMS)
+    (new,) = appeared([scans], radio_map, PARAMS)
     assert (new.key, new.change) == ("mac:ffffffffffff", Change.APPEARED)
     assert new.scans == sum("mac:ffffffffffff" in scan.wifi_dbm for scan in scans)
     few = PARAMS.least_scans - 1
     passed_by = [s for s in scans if "mac:ffffffffffff" in s.wifi_dbm][:few]
-    assert appeared(passed_by, radio_map, MATCHING, PARAMS) == []
+    assert appeared([passed_by], radio_map, PARAMS) == []
 
 
 def test_without_transmitters_the_rest_of_the_map_is_as_it_was(radio_map: RadioMap):

@@ -17,7 +17,7 @@ from app.storage.engines import migrating_engine
 from app.storage.log import OBSERVATIONS, SqlObservationLog
 from app.storage.tables import METADATA
 
-HEAD = "0010"
+HEAD = "0011"
 
 
 @pytest.fixture(params=["sqlite", pytest.param("postgres", marks=pytest.mark.postgres)])
