@@ -27,7 +27,6 @@ from app.core.fingerprint.matching import match
 from app.core.fingerprint.query import Query
 from app.core.fingerprint.radio_map import RadioMap
 from app.core.params import MatchParams
-from app.core.types import FloatArray, IntArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,11 +125,11 @@ class _Evidence:
     """Sums over visits and scans, by transmitter of the map (columns,)."""
 
     def __init__(self, columns: int) -> None:
-        self._against: FloatArray = np.zeros(columns)
-        self._visits: IntArray = np.zeros(columns, dtype=np.int64)
-        self._scans: IntArray = np.zeros(columns, dtype=np.int64)
-        self._misplaced: IntArray = np.zeros(columns, dtype=np.int64)
-        self._expected: FloatArray = np.zeros(columns)
+        self._against = np.zeros(columns)
+        self._visits = np.zeros(columns, dtype=np.int64)
+        self._scans = np.zeros(columns, dtype=np.int64)
+        self._misplaced = np.zeros(columns, dtype=np.int64)
+        self._expected = np.zeros(columns)
 
     def add(self, session: Sequence[Hearing], weights: Weights, square_m: float) -> None:
         """Add the scans of a session."""

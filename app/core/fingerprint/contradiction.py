@@ -168,7 +168,7 @@ def _silent_class(scan: Hearing) -> IntArray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Places:
-    """Where the map's transmitters are heard: ``walk`` (rows,) of the rows, and which not to ask."""
+    """Where transmitters are heard: the walks (rows,) of the map's rows, and the one left out."""
 
     radio_map: RadioMap
     walk: IntArray
@@ -191,7 +191,7 @@ def _hearing(levels_dbm: FloatArray, heard: IntArray, matches: Matches, places: 
     entries = np.concatenate([np.arange(a, b) for a, b in zip(start, end, strict=True)])
     weight = np.repeat(matches.weight, end - start)
     at, columns = radio_map.column[entries], len(radio_map.transmitters)
-    presence = np.bincount(at, weight, columns)
+    presence = np.bincount(at, weight, columns).astype(np.float64)
     level_sum_dbm = np.bincount(at, weight * radio_map.rssi_dbm[entries], columns)
     column = np.union1d(heard, np.flatnonzero(presence > 0.0))
     presence = presence[column]
@@ -238,4 +238,4 @@ def _apart_m(
                 up_m = FLOOR_APART_M * (floor_index[r] - asked_floor)
                 m2 = (x_m[r] - asked_x_m) ** 2 + (y_m[r] - asked_y_m) ** 2 + up_m**2
                 apart_m2[i] = min(apart_m2[i], m2)
-    return np.sqrt(apart_m2)
+    return np.sqrt(apart_m2)  # type: ignore[no-any-return]
