@@ -82,8 +82,7 @@ async def quarantine(
 ) -> Ageing:
     """Leave listed transmitters out of matching, or take them in again."""
     await _checked(principal, context, radio_map_id)
-    await context.ageing.quarantine(radio_map_id, body.quarantine, quarantined=True)
-    aged = await context.ageing.quarantine(radio_map_id, body.release, quarantined=False)
+    aged = await context.ageing.quarantine(radio_map_id, body.quarantine, body.release)
     await context.directory.refresh()
     return _view(aged)
 

@@ -68,22 +68,26 @@ class AgeingService:
             await self.look(stored.radio_map_id, now_s)
 
     async def quarantine(
-        self, radio_map_id: str, keys: Sequence[str], quarantined: bool
+        self, radio_map_id: str, quarantined: Sequence[str], released: Sequence[str]
     ) -> list[AgedTransmitter]:
-        """Leave listed transmitters out of matching, or take them in again.
+        """Leave listed transmitters out of matching, and take others in again.
 
         Raises
         ------
         AppError
-            If one of them is not listed; then nothing is changed.
+            If one of them is not listed, or is to be both; then nothing is changed.
         """
+        if both := sorted(set(quarantined) & set(released)):
+            detail = f"{both[0]!r} cannot be both quarantined and released"
+            raise AppError(ErrorCode.INVALID_FIELD, detail)
 
         def statement(connection: Connection) -> list[AgedTransmitter]:
             listed = {aged.suspect.key for aged in ageing.list_aged(connection, radio_map_id)}
-            if unknown := sorted(set(keys) - listed):
+            if unknown := sorted({*quarantined, *released} - listed):
                 detail = f"{unknown[0]!r} is not among the aged transmitters of the radio map"
                 raise AppError(ErrorCode.INVALID_FIELD, detail)
-            ageing.set_quarantine(connection, radio_map_id, keys, quarantined)
+            ageing.set_quarantine(connection, radio_map_id, quarantined, quarantined=True)
+            ageing.set_quarantine(connection, radio_map_id, released, quarantined=False)
             return ageing.list_aged(connection, radio_map_id)
 
         return await self._database.write(statement)

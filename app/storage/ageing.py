@@ -95,7 +95,7 @@ def quarantined_of_active(connection: Connection, site_id: str) -> frozenset[str
 
 
 def set_quarantine(
-    connection: Connection, radio_map_id: str, keys: Sequence[str], quarantined: bool
+    connection: Connection, radio_map_id: str, keys: Sequence[str], *, quarantined: bool
 ) -> None:
     """Leave listed transmitters out of matching with a radio map, or take them in again."""
     connection.execute(

@@ -238,4 +238,5 @@ def _apart_m(
                 up_m = FLOOR_APART_M * (floor_index[r] - asked_floor)
                 m2 = (x_m[r] - asked_x_m) ** 2 + (y_m[r] - asked_y_m) ** 2 + up_m**2
                 apart_m2[i] = min(apart_m2[i], m2)
-    return np.sqrt(apart_m2)  # type: ignore[no-any-return]
+    apart_m: FloatArray = np.sqrt(apart_m2)
+    return apart_m
