@@ -3,7 +3,7 @@
 Nobody knows where live phones are, but each scan s resembles some fingerprints, and they say what
 ought to be heard there; `contradiction` gives for each transmitter t the log-likelihood ratio l_st
 of "it is elsewhere now" against "as mapped". Scans of one session in one square say the same thing
-again, and count as one, their mean; so a phone that lies on a desk all day accuses nobody. With V_t
+again, and count as one, their mean: a phone that lies on a desk all day makes few visits. With V_t
 the visits (session and square) that heard or should have heard t, t is suspect where
 
     x_t = Σ_v mean_{s in v} l_st / (V_t + κ)  >  ``excess``
