@@ -22,16 +22,14 @@ Surveyor = Annotated[Principal, Depends(require(Role.SURVEYOR))]
 
 
 class Aged(BaseModel):
-    """A transmitter that traffic contradicts; ``residual`` less ``map_residual`` is the excess."""
+    """A transmitter that traffic contradicts, with the evidence (docs/ageing.md)."""
 
     key: str
     change: str
     excess: float
-    residual: float
-    map_residual: float
-    heard: float
-    expected: float
     scans: int
+    misplaced: int
+    expected: float
     found: str
     quarantined: bool
 
@@ -84,8 +82,7 @@ async def quarantine(
 ) -> Ageing:
     """Leave listed transmitters out of matching, or take them in again."""
     await _checked(principal, context, radio_map_id)
-    await context.ageing.quarantine(radio_map_id, body.quarantine, quarantined=True)
-    aged = await context.ageing.quarantine(radio_map_id, body.release, quarantined=False)
+    aged = await context.ageing.quarantine(radio_map_id, body.quarantine, body.release)
     await context.directory.refresh()
     return _view(aged)
 
@@ -106,11 +103,9 @@ def _view(aged: list[AgedTransmitter]) -> Ageing:
                 key=a.suspect.key,
                 change=a.suspect.change.value,
                 excess=round(a.suspect.excess, 4),
-                residual=round(a.suspect.residual, 4),
-                map_residual=round(a.suspect.map_residual, 4),
-                heard=round(a.suspect.heard, 3),
-                expected=round(a.suspect.expected, 3),
                 scans=a.suspect.scans,
+                misplaced=a.suspect.misplaced,
+                expected=round(a.suspect.expected, 1),
                 found=iso_time(a.found_s),
                 quarantined=a.quarantined,
             )

@@ -101,7 +101,7 @@ async def _look(
     aged = await service.look(radio_map_id, CLOCK.now_s())
     if not quarantine:
         return aged
-    return await service.quarantine(radio_map_id, [a.suspect.key for a in aged], quarantined=True)
+    return await service.quarantine(radio_map_id, [a.suspect.key for a in aged], ())
 
 
 def _table(title: str, rows: list[dict[str, object]]) -> Table:

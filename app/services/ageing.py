@@ -2,6 +2,7 @@
 
 import asyncio
 from collections.abc import Sequence
+from itertools import islice
 
 from sqlalchemy import Connection
 
@@ -10,8 +11,8 @@ from app.core.fingerprint.ageing import (
     Suspect,
     appeared,
     find_aged,
-    own_residuals,
 )
+from app.core.fingerprint.contradiction import learned_weights
 from app.core.fingerprint.query import Query, first_of
 from app.core.fingerprint.radio_map import RadioMap
 from app.core.fingerprint.survey import scan_levels
@@ -67,22 +68,26 @@ class AgeingService:
             await self.look(stored.radio_map_id, now_s)
 
     async def quarantine(
-        self, radio_map_id: str, keys: Sequence[str], quarantined: bool
+        self, radio_map_id: str, quarantined: Sequence[str], released: Sequence[str]
     ) -> list[AgedTransmitter]:
-        """Leave listed transmitters out of matching, or take them in again.
+        """Leave listed transmitters out of matching, and take others in again.
 
         Raises
         ------
         AppError
-            If one of them is not listed; then nothing is changed.
+            If one of them is not listed, or is to be both; then nothing is changed.
         """
+        if both := sorted(set(quarantined) & set(released)):
+            detail = f"{both[0]!r} cannot be both quarantined and released"
+            raise AppError(ErrorCode.INVALID_FIELD, detail)
 
         def statement(connection: Connection) -> list[AgedTransmitter]:
             listed = {aged.suspect.key for aged in ageing.list_aged(connection, radio_map_id)}
-            if unknown := sorted(set(keys) - listed):
+            if unknown := sorted({*quarantined, *released} - listed):
                 detail = f"{unknown[0]!r} is not among the aged transmitters of the radio map"
                 raise AppError(ErrorCode.INVALID_FIELD, detail)
-            ageing.set_quarantine(connection, radio_map_id, keys, quarantined)
+            ageing.set_quarantine(connection, radio_map_id, quarantined, quarantined=True)
+            ageing.set_quarantine(connection, radio_map_id, released, quarantined=False)
             return ageing.list_aged(connection, radio_map_id)
 
         return await self._database.write(statement)
@@ -92,16 +97,17 @@ def suspects_in(traffic: Sequence[Sequence[Observation]], radio_map: RadioMap) -
     """Return what the traffic of several sessions contradicts, and what is new in it."""
     matching, params = MatchParams(), AgeingParams()
     rule = first_of(radio_map.column_by_key), matching
-    queries = [
-        Query(wifi_dbm, ble_dbm)
-        for session in traffic
-        for _, wifi_dbm, ble_dbm in scan_levels(session, rule)
-    ]
-    if not queries:
+    sessions: list[list[Query]] = []
+    left = MAX_SCANS
+    for session in traffic:
+        levels = islice(scan_levels(session, rule), left)
+        sessions.append([Query(wifi_dbm, ble_dbm) for _, wifi_dbm, ble_dbm in levels])
+        left -= len(sessions[-1])
+    if left == MAX_SCANS:
         return []
-    own = own_residuals(radio_map, matching, params)
-    aged = find_aged(queries[:MAX_SCANS], radio_map, own, matching, params)
-    return aged + appeared(queries[:MAX_SCANS], radio_map, matching, params)
+    weights = learned_weights(radio_map, matching)
+    aged = find_aged(sessions, radio_map, weights, matching, params)
+    return aged + appeared(sessions, radio_map, params)
 
 
 def _loaded(

@@ -7,6 +7,7 @@ from functools import partial
 from sqlalchemy import Connection
 
 from app.core.engine import smoothed
+from app.core.fingerprint.radio_map import RadioMap
 from app.core.session import SessionRecord
 from app.core.site import SiteModel
 from app.services.access import Principal
@@ -14,6 +15,7 @@ from app.services.errors import AppError, ErrorCode, found, invalid_field
 from app.services.site import SiteDirectory, fitted_map
 from app.services.site_choice import choose_params
 from app.services.tracks import SitePoint, TrackKind
+from app.storage.ageing import quarantined_keys
 from app.storage.database import Database
 from app.storage.log import SqlObservationLog, find_session, logged_bytes
 from app.storage.radio_maps import get_radio_map, load_radio_map
@@ -93,6 +95,14 @@ class ReplayService:
         if stored is None or stored.site_id != site_id:
             detail = f"site {site_id!r} has no radio map {radio_map_id!r}"
             raise invalid_field(pointer="#/radio_map", detail=detail)
-        radio_map = await self._database.read(partial(load_radio_map, radio_map_id=radio_map_id))
+        radio_map = await self._database.read(partial(_matched_map, radio_map_id=radio_map_id))
         floor_ids = tuple(floor.floor_id for floor in site.floors)
         return replace(site, radio_map=fitted_map(radio_map, floor_ids))
+
+
+def _matched_map(connection: Connection, radio_map_id: str) -> RadioMap | None:
+    """Return a radio map as it would be matched with: without what is quarantined."""
+    radio_map = load_radio_map(connection, radio_map_id)
+    if radio_map is None:
+        return None
+    return radio_map.without_transmitters(quarantined_keys(connection, radio_map_id))

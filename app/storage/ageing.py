@@ -41,11 +41,10 @@ def replace_suspects(
             "radio_map_id": radio_map_id,
             "key": suspect.key,
             "change": suspect.change.value,
-            "residual": suspect.residual,
-            "map_residual": suspect.map_residual,
-            "heard": suspect.heard,
-            "expected": suspect.expected,
+            "excess": suspect.excess,
             "scans": suspect.scans,
+            "misplaced": suspect.misplaced,
+            "expected": suspect.expected,
             "found_s": found_s,
             "quarantined": suspect.key in held,
         }
@@ -63,18 +62,17 @@ def list_aged(connection: Connection, radio_map_id: str) -> list[AgedTransmitter
             Suspect(
                 key=row["key"],
                 change=Change(row["change"]),
-                residual=row["residual"],
-                map_residual=row["map_residual"],
-                heard=row["heard"],
-                expected=row["expected"],
+                excess=row["excess"],
                 scans=row["scans"],
+                misplaced=row["misplaced"],
+                expected=row["expected"],
             ),
             found_s=row["found_s"],
             quarantined=row["quarantined"],
         )
         for row in connection.execute(query).mappings()
     ]
-    return sorted(aged, key=lambda a: (-a.suspect.excess, a.suspect.key))
+    return sorted(aged, key=lambda a: (-a.suspect.excess, -a.suspect.scans, a.suspect.key))
 
 
 def quarantined_keys(connection: Connection, radio_map_id: str) -> frozenset[str]:
@@ -97,7 +95,7 @@ def quarantined_of_active(connection: Connection, site_id: str) -> frozenset[str
 
 
 def set_quarantine(
-    connection: Connection, radio_map_id: str, keys: Sequence[str], quarantined: bool
+    connection: Connection, radio_map_id: str, keys: Sequence[str], *, quarantined: bool
 ) -> None:
     """Leave listed transmitters out of matching with a radio map, or take them in again."""
     connection.execute(

@@ -237,11 +237,11 @@ AGED_TRANSMITTERS = Table(
     ),
     Column("key", String, primary_key=True),
     Column("change", String, nullable=False),
-    Column("residual", Double, nullable=False),
-    Column("map_residual", Double, nullable=False),
-    Column("heard", Double, nullable=False),
-    Column("expected", Double, nullable=False),
+    # 0 where a transmitter was quarantined before these were told.
+    Column("excess", Double, nullable=False, server_default=text("0")),
     Column("scans", Integer, nullable=False),
+    Column("misplaced", Integer, nullable=False, server_default=text("0")),
+    Column("expected", Double, nullable=False),
     Column("found_s", Double, nullable=False),
     # Left out of matching; an admin's word outlives the next look at traffic.
     Column("quarantined", Boolean, nullable=False, server_default=text("false")),

@@ -1,4 +1,4 @@
-"""The real application over ASGI: a fresh SQLite database, a clock we move, a small room, tokens.
+"""The real application over ASGI: a fresh database, a clock we move, a small room, tokens.
 
 The room "lab" has one floor of 20 m x 10 m with five BLE beacons; "annex" is a second, empty site.
 """
@@ -9,6 +9,7 @@ from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 
 import httpx
+import pytest
 from fastapi import FastAPI
 from sqlalchemy import Connection
 
@@ -22,6 +23,14 @@ from app.storage.database import Database
 from app.storage.floors import StoredFloor, insert_floor
 from app.storage.sites import StoredSite, insert_site
 from app.storage.tokens import create_token, revoke_token
+
+on_both_databases = pytest.mark.parametrize(
+    "server_url",
+    ["database_url", pytest.param("postgres_url", marks=pytest.mark.postgres)],
+    indirect=True,
+    ids=["sqlite", "postgres"],
+)
+"""The main path of a service: what it stores and finds again is the same on either database."""
 
 NOW_S = 1_795_314_001.0
 UUID = "f7826da6-4fa2-4e98-8024-bc5b71e0893e"

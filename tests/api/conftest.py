@@ -7,7 +7,14 @@ from api_server import ApiServer, serving
 
 
 @pytest.fixture
-async def server(database_url: str, anyio_backend: str) -> AsyncIterator[ApiServer]:
+def server_url(request: pytest.FixtureRequest) -> str:
+    """Return the URL of a fresh, migrated database: SQLite, or what `on_both_databases` says."""
+    url: str = request.getfixturevalue(getattr(request, "param", "database_url"))
+    return url
+
+
+@pytest.fixture
+async def server(server_url: str, anyio_backend: str) -> AsyncIterator[ApiServer]:
     """Return the application over a fresh database."""
-    async with serving(database_url) as running:
+    async with serving(server_url) as running:
         yield running

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from api_server import BEACONS, UUID, ApiServer, batch
+from api_server import BEACONS, UUID, ApiServer, batch, on_both_databases
 from sqlalchemy import Connection
 
 from app.core.survey import SurveyPoint
@@ -51,6 +51,7 @@ def by_id(report: dict[str, Any]) -> dict[str, Any]:
     return {beacon["beacon_id"]: beacon for beacon in report["beacons"]}
 
 
+@on_both_databases
 async def test_a_calibration_is_a_draft_until_it_is_applied(server: ApiServer) -> None:
     async with server.client() as admin:
         drafted = await admin.post("/v1/floors/lab-0/calibration", json={"levels": labelled()})
@@ -180,6 +181,7 @@ async def test_beacons_without_a_place_are_placed_by_a_trace(server: ApiServer) 
     assert beacon["keys"] == [f"ibeacon:{UUID}:9:9"]
 
 
+@on_both_databases
 async def test_a_stored_survey_calibrates(server: ApiServer) -> None:
     points = [
         SurveyPoint(

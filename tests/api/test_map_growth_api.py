@@ -6,7 +6,7 @@ from typing import Any
 import httpx
 import numpy as np
 import pytest
-from api_server import ApiServer, batch
+from api_server import ApiServer, batch, on_both_databases
 from wifi_hall import levels_dbm, scan, walked
 
 from app.core.fingerprint.growth import GROWN
@@ -116,6 +116,7 @@ async def test_nothing_is_kept_aside_where_nobody_opted_in(server: ApiServer) ->
         assert (await admin.get(GROWTH)).json()["waiting"] == 0
 
 
+@on_both_databases
 async def test_what_is_accepted_becomes_a_version_and_nothing_before(server: ApiServer) -> None:
     before = await survey(server)
     database = server.app.state.context.database
@@ -166,6 +167,7 @@ async def test_a_version_may_be_made_without_being_used(server: ApiServer) -> No
         assert (await active_map(admin))["radio_map_id"] == before.radio_map_id
 
 
+@on_both_databases
 async def test_what_is_discarded_is_gone_and_not_taken_again(server: ApiServer) -> None:
     await survey(server)
     async with server.client() as admin:
@@ -181,6 +183,7 @@ async def test_what_is_discarded_is_gone_and_not_taken_again(server: ApiServer) 
         assert (await admin.post(f"{GROWTH}/accept")).status_code == 409
 
 
+@on_both_databases
 async def test_what_is_kept_aside_goes_with_what_the_site_keeps_no_longer(
     server: ApiServer,
 ) -> None:

@@ -2,7 +2,7 @@ import math
 
 import numpy as np
 import pytest
-from api_server import ApiServer, batch
+from api_server import ApiServer, batch, on_both_databases
 from wifi_hall import SIDE_M, levels_dbm
 
 from app.core.fingerprint.radio_map import Fingerprint, build_radio_map
@@ -87,6 +87,7 @@ async def test_a_report_of_another_site_is_refused(server: ApiServer):
         assert (await client.get("/v1/radio-maps/none/report")).status_code == 404
 
 
+@on_both_databases
 async def test_what_traffic_contradicts_is_listed_quarantined_and_released(server: ApiServer):
     radio_map_id = await stored_hall(server)
     await post_traffic(server)
@@ -96,6 +97,8 @@ async def test_what_traffic_contradicts_is_listed_quarantined_and_released(serve
         assert (await client.get(url)).json() == {"transmitters": []}
         (aged,) = (await client.post(url)).raise_for_status().json()["transmitters"]
         assert (aged["key"], aged["change"], aged["quarantined"]) == (VANISHED, "vanished", False)
+        assert aged["scans"] == aged["misplaced"] == 0 < aged["expected"]
+        assert aged["excess"] > 0.0
         assert VANISHED in directory.current("hall").radio_map.column_by_key
         held = (await client.patch(url, json={"quarantine": [VANISHED]})).json()["transmitters"]
         assert [a["quarantined"] for a in held] == [True]
@@ -111,7 +114,26 @@ async def test_only_listed_transmitters_are_quarantined_by_those_who_may(server:
     url = f"/v1/radio-maps/{radio_map_id}/ageing"
     async with server.client("surveyor") as client:
         reply = await client.patch(url, json={"quarantine": [VANISHED]})
-        assert reply.status_code == 422 or reply.status_code == 400
+        assert reply.status_code == 422
     async with server.client("viewer") as client:
         assert (await client.post(url)).status_code == 403
         assert (await client.patch(url, json={})).status_code == 403
+
+
+async def test_a_change_of_quarantine_is_made_whole_or_not_at_all(server: ApiServer):
+    radio_map_id = await stored_hall(server)
+    await post_traffic(server)
+    url = f"/v1/radio-maps/{radio_map_id}/ageing"
+    directory = server.app.state.context.directory
+    async with server.client("surveyor") as client:
+        await client.post(url)
+        for body in (
+            {"quarantine": [VANISHED], "release": ["mac:ffffffffffff"]},
+            {"quarantine": [VANISHED], "release": [VANISHED]},
+        ):
+            reply = await client.patch(url, json=body)
+            assert reply.status_code == 422, reply.text
+            (aged,) = (await client.get(url)).json()["transmitters"]
+            assert not aged["quarantined"]
+        await directory.refresh()
+    assert VANISHED in directory.current("hall").radio_map.column_by_key

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from api_server import NOW_S, ApiServer, batch
+from api_server import NOW_S, ApiServer, batch, on_both_databases
 
 from app.core.survey import SurveyWalk
 from app.core.types import Reading, WifiScan
@@ -94,6 +94,7 @@ async def activate(server: ApiServer, radio_map_id: str) -> None:
     assert reply.json()["active"]
 
 
+@on_both_databases
 async def test_a_build_is_a_job_whose_map_waits_to_be_activated(server: ApiServer) -> None:
     await store(server, "spring", surveyed(1))
     job = await build(server, name="Spring", virtual=False)
@@ -125,6 +126,7 @@ async def test_a_build_that_comes_to_nothing_says_so_and_changes_nothing(
     assert await active(server) == [one]
 
 
+@on_both_databases
 async def test_activating_and_rolling_back(server: ApiServer) -> None:
     one, other = await two_maps(server)
     await activate(server, one)
@@ -156,6 +158,7 @@ async def test_what_changed_between_two_maps(server: ApiServer) -> None:
     }
 
 
+@on_both_databases
 async def test_an_exported_map_is_the_same_where_it_is_imported(server: ApiServer) -> None:
     one, _ = await two_maps(server)
     async with server.client() as admin:

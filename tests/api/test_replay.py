@@ -7,10 +7,13 @@ from typing import Any
 
 import pytest
 from api_server import NOW_S, ApiServer, batch, ble_record
+from sqlalchemy import Connection
 
 from app.core.engine import PROFILES
+from app.core.fingerprint.ageing import Change, Suspect
 from app.core.fingerprint.radio_map import Fingerprint, build_radio_map
 from app.services import replay as replay_service
+from app.storage import ageing
 from app.storage.radio_maps import RadioMapOrigin, save_radio_map
 
 pytestmark = pytest.mark.anyio
@@ -136,6 +139,31 @@ async def test_another_radio_map_is_put_in_place_of_the_sites(server: ApiServer)
     assert await replayed(server) == []
     assert foreign.status_code == 422
     assert foreign.json()["errors"][0]["pointer"] == "#/radio_map"
+
+
+async def test_a_named_radio_map_is_matched_without_what_is_quarantined_of_it(
+    server: ApiServer,
+) -> None:
+    levels_dbm = {f"mac:0242ac1100{i:02}": -50.0 - i for i in range(4)}
+    surveyed = [Fingerprint(0, 7.0, 9.0, levels_dbm, {})]
+
+    def store(connection: Connection) -> str:
+        radio_map = build_radio_map(("lab-0",), surveyed)
+        origin = RadioMapOrigin("m", 0.0)
+        stored = save_radio_map(connection, "lab", radio_map, origin, activate=False)
+        aged = [Suspect(key, Change.MOVED, 1.0, 9, 9, 9.0) for key in levels_dbm]
+        ageing.replace_suspects(connection, stored.radio_map_id, aged, NOW_S)
+        return stored.radio_map_id
+
+    database = server.app.state.context.database
+    radio_map_id = await database.write(store)
+    aps = [{"bssid": key.removeprefix("mac:"), "rssi": dbm} for key, dbm in levels_dbm.items()]
+    async with server.client("phone-7") as phone:
+        await phone.post("/v1/ingest", json=batch({"k": "wifi", "t_ms": NOW_S * 1e3, "aps": aps}))
+    assert len(await replayed(server, radio_map=radio_map_id)) == 1
+    held = partial(ageing.set_quarantine, radio_map_id=radio_map_id, keys=list(levels_dbm))
+    await database.write(partial(held, quarantined=True))
+    assert await replayed(server, radio_map=radio_map_id) == []
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import httpx
 import pytest
-from api_server import ApiServer, batch, ble_record
+from api_server import ApiServer, batch, ble_record, on_both_databases
 from live_server import LiveServer, listening
 from survey_files import ms2020_trace
 
@@ -51,6 +51,7 @@ async def listed(server: ApiServer) -> list[dict]:
         return (await client.get("/v1/surveys?site_id=lab")).json()["items"]
 
 
+@on_both_databases
 async def test_an_upload_becomes_a_survey_that_is_listed_and_deleted(server: ApiServer):
     body = gzip.compress((CSV + "P9,lab-0,9,5,wifi,mac:aabbccddee01,9\n").encode())
     job = await upload(server, body)
@@ -258,6 +259,7 @@ def _session_records() -> Iterator[dict[str, object]]:
         yield truth
 
 
+@on_both_databases
 async def test_a_session_with_truths_becomes_a_walk(server: ApiServer):
     async with server.client("surveyor") as client:
         reply = await client.post("/v1/ingest", json=batch(*_session_records(), site="lab"))

@@ -4,19 +4,26 @@ import asyncio
 from dataclasses import replace
 from functools import partial
 
+import numpy as np
 import pytest
 from sqlalchemy import Connection
+from wifi_hall import SIDE_M, levels_dbm
 
+from app.core.fingerprint.ageing import Change
+from app.core.fingerprint.radio_map import Fingerprint, build_radio_map
 from app.core.session import LoggedBatch, SessionClock, SessionRecord
-from app.core.types import BleScan, Method, MotionMode, TrackPoint, Used
+from app.core.types import BleScan, Method, MotionMode, Reading, TrackPoint, Used, WifiScan
 from app.services.ageing import AgeingService
 from app.services.housekeeping import Housekeeping, Retention
 from app.services.site import SiteDirectory
 from app.sessions.hub import Hub
 from app.sessions.ports import SessionPorts
 from app.sessions.registry import SessionRegistry
+from app.storage.ageing import list_aged
 from app.storage.database import Database
+from app.storage.floors import StoredFloor, insert_floor
 from app.storage.log import SqlObservationLog
+from app.storage.radio_maps import RadioMapOrigin, save_radio_map
 from app.storage.sites import StoredSite, insert_site
 from app.storage.snapshots import SqlSnapshotStore
 from app.storage.tracks import SqlTrackStore, read_track
@@ -118,3 +125,61 @@ async def test_a_round_that_fails_is_told_and_the_next_goes_on(
     assert "no time" in caplog.text
     await asyncio.gather(chores, return_exceptions=True)
     await database.close()
+
+
+class MovableClock:
+    """A clock that stands still until it is moved."""
+
+    def __init__(self) -> None:
+        self.time_s = NOW_S
+
+    def now_s(self) -> float:
+        return self.time_s
+
+
+def _mapped_hall(connection: Connection) -> str:
+    rng = np.random.default_rng(1)
+    grid = np.arange(0.0, SIDE_M + 1.0, 8.0).tolist()
+    surveyed = [
+        Fingerprint(0, x, y, levels_dbm(x, y, rng), {}, f"row-{y:.0f}") for y in grid for x in grid
+    ]
+    insert_site(connection, StoredSite("hall", "Hall", 0.0))
+    insert_floor(connection, StoredFloor("hall-F1", "hall", "F1", 0, SIDE_M, SIDE_M))
+    radio_map = build_radio_map(("hall-F1",), surveyed)
+    origin = RadioMapOrigin("survey", NOW_S - DAY_S)
+    return save_radio_map(connection, "hall", radio_map, origin, activate=True).radio_map_id
+
+
+@pytest.mark.anyio
+async def test_radio_maps_are_held_against_traffic_once_a_day(database_url: str) -> None:
+    database = Database(database_url)
+    radio_map_id = await database.write(_mapped_hall)
+    log, directory, clock = SqlObservationLog(database), SiteDirectory(database), MovableClock()
+    ports = SessionPorts(log, SqlSnapshotStore(database), SqlTrackStore(database))
+    registry = SessionRegistry(ports, directory, Hub(), clock)
+    housekeeping = Housekeeping(
+        registry, directory, database, clock, Retention(), AgeingService(database)
+    )
+    session = SessionRecord("s", "phone", "walk", "hall", "best", SessionClock(True), NOW_S)
+    await log.open_session(session)
+    told = []
+    for seq, hours in enumerate((0.0, 23.0, 24.0, 47.0, 49.0)):
+        clock.time_s = NOW_S + hours * 3600.0
+        # One more newcomer is heard often enough each time: what is listed says when was looked.
+        scans = tuple(
+            WifiScan(
+                clock.time_s + i,
+                tuple(
+                    Reading((key,), level_dbm)
+                    for key, level_dbm in {**levels_dbm(9.0, 9.0), f"mac:new-{seq}": -50.0}.items()
+                ),
+            )
+            for i in range(5)
+        )
+        await log.append(LoggedBatch("s", seq, b"", clock.time_s, scans), session.clock)
+        await housekeeping.round()
+        aged = await database.read(partial(list_aged, radio_map_id=radio_map_id))
+        told.append(sorted(a.suspect.key for a in aged if a.suspect.change is Change.APPEARED))
+    await database.close()
+    first, after_a_day, after_two = ([f"mac:new-{i}" for i in range(n)] for n in (1, 3, 5))
+    assert told == [first, first, after_a_day, after_a_day, after_two]

@@ -7,17 +7,21 @@ import pytest
 from alembic.autogenerate import compare_metadata
 from alembic.runtime.migration import MigrationContext
 from sample_sessions import wifi_scan
-from sqlalchemy import inspect, text
+from sqlalchemy import Connection, inspect, text
 
+from app.core.fingerprint.ageing import Change, Suspect
+from app.core.fingerprint.radio_map import Fingerprint, build_radio_map
 from app.core.session import SessionRecord
 from app.core.types import Observation
-from app.storage import migrate
+from app.storage import ageing, migrate
 from app.storage.database import Database
 from app.storage.engines import migrating_engine
 from app.storage.log import OBSERVATIONS, SqlObservationLog
+from app.storage.radio_maps import RadioMapOrigin, save_radio_map
+from app.storage.sites import StoredSite, insert_site
 from app.storage.tables import METADATA
 
-HEAD = "0010"
+HEAD = "0011"
 
 
 @pytest.fixture(params=["sqlite", pytest.param("postgres", marks=pytest.mark.postgres)])
@@ -54,6 +58,29 @@ def test_upgrade_from_empty_and_downgrade_to_base(empty_url: str):
     migrate.downgrade(empty_url, "base")
     assert migrate.current(empty_url) is None
     assert tables_of(empty_url) == set()
+
+
+def test_what_is_quarantined_stays_so_though_its_evidence_is_counted_otherwise(storage_url: str):
+    def store(connection: Connection) -> str:
+        insert_site(connection, StoredSite("hall", "Hall", 0.0))
+        radio_map = build_radio_map(("F1",), [Fingerprint(0, 0.0, 0.0, {"a": -50.0}, {})])
+        origin = RadioMapOrigin("m", 0.0)
+        stored = save_radio_map(connection, "hall", radio_map, origin, activate=True)
+        suspects = [Suspect(key, Change.MOVED, 1.5, 9, 3, 7.0) for key in "ab"]
+        ageing.replace_suspects(connection, stored.radio_map_id, suspects, 1.0)
+        ageing.set_quarantine(connection, stored.radio_map_id, ["a"], quarantined=True)
+        return stored.radio_map_id
+
+    database = Database(storage_url)
+    radio_map_id = database.write_now(store)
+    database.close_now()
+    migrate.downgrade(storage_url, "0010")
+    migrate.upgrade(storage_url)
+    database = Database(storage_url)
+    (left,) = database.read_now(lambda c: ageing.list_aged(c, radio_map_id))
+    database.close_now()
+    assert left.quarantined
+    assert left.suspect == Suspect("a", Change.MOVED, 0.0, 9, 0, 7.0)
 
 
 def test_processes_that_start_together_upgrade_once(empty_url: str):

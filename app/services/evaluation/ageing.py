@@ -2,10 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import groupby
 
 import numpy as np
 
-from app.core.fingerprint.ageing import AgeingParams, Residuals, find_aged, own_residuals
+from app.core.fingerprint.ageing import AgeingParams, find_aged
+from app.core.fingerprint.contradiction import Weights, learned_weights
 from app.core.fingerprint.query import Query
 from app.core.fingerprint.radio_map import RadioMap
 from app.core.params import MatchParams
@@ -45,14 +47,14 @@ def ageing_figures(held: HeldOut, seeds: Sequence[int]) -> Figures:
     map's. ``unchanged_named`` are the transmitters named although nothing was permuted: some of
     them have truly changed between the walks.
     """
-    own = own_residuals(held.radio_map, MatchParams(), AgeingParams())
+    weights = learned_weights(held.radio_map, MatchParams())
     clean_m = _mean_error_m(held.scans, held.radio_map)
-    few = [_Aged.of(held, FEW, seed, own) for seed in seeds]
-    many = [_Aged.of(held, MANY, seed, own) for seed in seeds]
+    few = [_Aged.of(held, FEW, seed, weights) for seed in seeds]
+    many = [_Aged.of(held, MANY, seed, weights) for seed in seeds]
     return {
         "scans": len(held.scans),
         "clean_mean_error_m": clean_m,
-        "unchanged_named": len(_Aged.of(held, 0.0, 0, own).named),
+        "unchanged_named": len(_Aged.of(held, 0.0, 0, weights).named),
         "precision_10": over_seeds([aged.precision for aged in few], PRECISION),
         "recall_10": over_seeds([aged.recall for aged in few], RECALL),
         "precision_25": over_seeds([aged.precision for aged in many]),
@@ -73,11 +75,13 @@ class _Aged:
     named: frozenset[str]
 
     @classmethod
-    def of(cls, held: HeldOut, share: float, seed: int, own: Residuals) -> "_Aged":
+    def of(cls, held: HeldOut, share: float, seed: int, weights: Weights) -> "_Aged":
         names = permuted(held.radio_map, share, np.random.default_rng(seed))
         traffic = tuple(replace(scan, query=renamed(scan.query, names)) for scan in held.scans)
-        queries = [scan.query for scan in traffic]
-        found = find_aged(queries, held.radio_map, own, MatchParams(), AgeingParams())
+        sessions = [
+            [scan.query for scan in walk] for _, walk in groupby(traffic, lambda scan: scan.walk)
+        ]
+        found = find_aged(sessions, held.radio_map, weights, MatchParams(), AgeingParams())
         return cls(traffic, frozenset(names), frozenset(suspect.key for suspect in found))
 
     @property

@@ -39,8 +39,9 @@ PROTOCOL = (
 
 @dataclass(frozen=True, slots=True)
 class PlacedQuery:
-    """What was heard, and where."""
+    """What was heard, where, and on which walk."""
 
+    walk: str
     floor_index: int
     x_m: float
     y_m: float
@@ -90,7 +91,7 @@ def _placed(
     rule = first_of(radio_map.column_by_key), MatchParams()
     for heard in walk_fingerprints(walk.scans, place_at, position, walk.trace_id, rule):
         query = Query(heard.wifi_dbm, heard.ble_dbm)
-        yield PlacedQuery(heard.floor_index, heard.x_m, heard.y_m, query)
+        yield PlacedQuery(walk.trace_id, heard.floor_index, heard.x_m, heard.y_m, query)
 
 
 def single_errors_m(scans: Sequence[PlacedQuery], radio_map: RadioMap) -> FloatArray:
