@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from sqlalchemy import Connection, delete, insert, select, update
 
 from app.core.fingerprint.ageing import Change, Suspect
+from app.core.session import event_times
 from app.core.types import BleScan, Observation, WifiScan
-from app.storage.log import OBSERVATIONS
+from app.storage.log import CLOCK, LOGGED, logged_batch, session_clock
 from app.storage.sites import touch_model
 from app.storage.tables import AGED_TRANSMITTERS, OBSERVATION_BATCHES, RADIO_MAPS, SESSIONS
 
@@ -111,16 +112,18 @@ def set_quarantine(
 
 
 def traffic(connection: Connection, site_id: str, since_s: float) -> list[list[Observation]]:
-    """Return the scans posted at a site since a time, by session, in time order."""
+    """Return the scans posted at a site since a time, by session, in event time and in order."""
+    batches = OBSERVATION_BATCHES.c
     query = (
-        select(OBSERVATION_BATCHES.c.session_id, OBSERVATION_BATCHES.c.payload)
-        .join(SESSIONS, SESSIONS.c.id == OBSERVATION_BATCHES.c.session_id)
-        .where(SESSIONS.c.site_id == site_id, OBSERVATION_BATCHES.c.received_s >= since_s)
-        .order_by(OBSERVATION_BATCHES.c.received_s.desc())
+        select(*(batches[name] for name in LOGGED), *(SESSIONS.c[name] for name in CLOCK))
+        .join(SESSIONS, SESSIONS.c.id == batches.session_id)
+        .where(SESSIONS.c.site_id == site_id, batches.received_s >= since_s)
+        .order_by(batches.received_s.desc())
         .limit(MAX_BATCHES)
     )
     sessions: dict[str, list[Observation]] = {}
     for row in connection.execute(query):
-        kept = [o for o in OBSERVATIONS.decode(row.payload) if isinstance(o, WifiScan | BleScan)]
-        sessions.setdefault(row.session_id, []).extend(kept)
+        timed = event_times([logged_batch(row)], session_clock(row))
+        scans = [o for o in timed if isinstance(o, WifiScan | BleScan)]
+        sessions.setdefault(row.session_id, []).extend(scans)
     return [sorted(session, key=lambda o: o.time_s) for session in sessions.values()]

@@ -53,6 +53,24 @@ OBSERVATIONS: VariantCodec[Observation] = VariantCodec(
 )
 _REJECTIONS = VariantCodec({"rejection": Rejection})
 
+LOGGED = (
+    "session_id",
+    "seq",
+    "digest",
+    "received_s",
+    "payload",
+    "rejected",
+    "ignored",
+    "monotonic",
+)
+"""Columns of a batch that `logged_batch` reads."""
+
+CLOCK = (
+    *("clock_recorded", "clock_ahead_s", "clock_mono_ahead_s"),
+    *("clock_mono_to_wall_s", "clock_mono_seq", "clock_boot_id"),
+)
+"""Columns of a session that `session_clock` reads."""
+
 # Batches rewritten by retention in one transaction: short enough that no phone waits for it.
 PURGE_STRIDE = 64
 
@@ -104,7 +122,7 @@ class SqlObservationLog:
         query = _batches_of(session_id)
         if since_s is not None:
             query = query.where(OBSERVATION_BATCHES.c.last_s >= since_s)
-        return await self._database.read(lambda c: [_batch(row) for row in c.execute(query)])
+        return await self._database.read(lambda c: [logged_batch(row) for row in c.execute(query)])
 
     async def observations(self, session_id: str) -> list[Observation]:
         """Return what a session has observed, in event time and in order, each once."""
@@ -112,7 +130,7 @@ class SqlObservationLog:
         def statement(connection: Connection) -> tuple[list[LoggedBatch], SessionClock]:
             session = connection.execute(select(SESSIONS).where(SESSIONS.c.id == session_id))
             batches = connection.execute(_batches_of(session_id))
-            return [_batch(row) for row in batches], session_record(session.one()).clock
+            return [logged_batch(row) for row in batches], session_record(session.one()).clock
 
         batches, clock = await self._database.read(statement)
         return await asyncio.to_thread(lambda: in_order(event_times(batches, clock)))
@@ -273,7 +291,7 @@ def _settle_clock(record: SessionRecord, connection: Connection) -> None:
 
 def _span_anew(record: SessionRecord, connection: Connection) -> None:
     for row in connection.execute(_batches_of(record.session_id)).all():
-        span = _span(tuple(event_times([_batch(row)], record.clock)))
+        span = _span(tuple(event_times([logged_batch(row)], record.clock)))
         batches = OBSERVATION_BATCHES
         by_seq = update(batches).where(
             batches.c.session_id == record.session_id, batches.c.seq == row.seq
@@ -319,11 +337,11 @@ def _batches_of(session_id: str) -> Select[tuple[object, ...]]:
 
 
 def _batches() -> Select[tuple[object, ...]]:
-    names = ("session_id", "seq", "digest", "received_s", "payload", "rejected", "ignored")
-    return select(*(OBSERVATION_BATCHES.c[name] for name in (*names, "monotonic")))
+    return select(*(OBSERVATION_BATCHES.c[name] for name in LOGGED))
 
 
-def _batch(row: Row[tuple[object, ...]]) -> LoggedBatch:
+def logged_batch(row: Row[tuple[object, ...]]) -> LoggedBatch:
+    """Return a row that has the columns `LOGGED` as what they store."""
     return LoggedBatch(
         session_id=row.session_id,
         seq=row.seq,
@@ -370,16 +388,21 @@ def session_record(row: Row[tuple[object, ...]]) -> SessionRecord:
         session=row.session,
         site_id=row.site_id,
         profile=row.profile,
-        clock=SessionClock(
-            recorded=row.clock_recorded,
-            ahead_s=row.clock_ahead_s,
-            mono_ahead_s=row.clock_mono_ahead_s,
-            mono_to_wall_s=row.clock_mono_to_wall_s,
-            mono_seq=row.clock_mono_seq,
-            boot_id=row.clock_boot_id,
-        ),
+        clock=session_clock(row),
         opened_s=row.opened_s,
         finished=row.finished,
         profile_named=row.profile_named,
         profile_since_s=row.profile_since_s,
+    )
+
+
+def session_clock(row: Row[tuple[object, ...]]) -> SessionClock:
+    """Return a row that has the columns `CLOCK` as what they store."""
+    return SessionClock(
+        recorded=row.clock_recorded,
+        ahead_s=row.clock_ahead_s,
+        mono_ahead_s=row.clock_mono_ahead_s,
+        mono_to_wall_s=row.clock_mono_to_wall_s,
+        mono_seq=row.clock_mono_seq,
+        boot_id=row.clock_boot_id,
     )
