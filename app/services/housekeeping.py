@@ -16,8 +16,8 @@ from app.sessions.limits import SessionLimits
 from app.sessions.ports import Clock
 from app.sessions.registry import SessionRegistry
 from app.storage.database import Database, DatabaseUnavailableError
-from app.storage.log import purge_imu, purge_observations
 from app.storage.quarantine import expire
+from app.storage.retention import purge_imu, purge_observations
 from app.storage.sites import get_site
 from app.storage.tracks import purge_tracks
 

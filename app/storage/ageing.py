@@ -8,7 +8,7 @@ from sqlalchemy import Connection, delete, insert, select, update
 from app.core.fingerprint.ageing import Change, Suspect
 from app.core.session import event_times
 from app.core.types import BleScan, Observation, WifiScan
-from app.storage.log import CLOCK, LOGGED, logged_batch, session_clock
+from app.storage.log_rows import CLOCK, LOGGED, logged_batch, session_clock
 from app.storage.sites import touch_model
 from app.storage.tables import AGED_TRANSMITTERS, OBSERVATION_BATCHES, RADIO_MAPS, SESSIONS
 

@@ -6,7 +6,7 @@ from sqlalchemy import Connection, func, insert, select, update
 
 from app.core.engine.growing import FinishedSession
 from app.core.session import SessionRecord
-from app.storage.log import OBSERVATIONS, session_record
+from app.storage.log_rows import OBSERVATIONS, session_record
 from app.storage.tables import QUARANTINED_SESSIONS, SESSIONS
 
 

@@ -26,7 +26,7 @@ from app.core.types import (
     WifiScan,
 )
 from app.storage.codec import SchemaError, TreeCodec, VariantCodec
-from app.storage.log import OBSERVATIONS
+from app.storage.log_rows import OBSERVATIONS
 
 reals = st.floats(allow_nan=False)
 counts = st.integers(0, 2**40)

@@ -17,7 +17,9 @@ from app.core import engine
 from app.core.session import LogUnavailableError, Rejection, SessionClock
 from app.core.types import Barometer, ImuBlock
 from app.storage.database import Database
-from app.storage.log import OBSERVATIONS, SqlObservationLog, purge_imu, purge_observations
+from app.storage.log import SqlObservationLog
+from app.storage.log_rows import OBSERVATIONS
+from app.storage.retention import purge_imu, purge_observations
 from app.storage.snapshots import SqlSnapshotStore
 from app.storage.tables import DEVICES, OBSERVATION_BATCHES
 
@@ -197,7 +199,7 @@ async def test_raw_imu_leaves_finished_sessions_only(log: SqlObservationLog, dat
 async def test_purging_goes_on_over_many_strides(
     log: SqlObservationLog, database: Database, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr("app.storage.log.PURGE_STRIDE", 2)
+    monkeypatch.setattr("app.storage.retention.PURGE_STRIDE", 2)
     await asyncio.gather(*(log.append(logged_batch(i, imu_block(1.0)), CLOCK) for i in range(5)))
     await log.finish_session("s-1")
     assert await purge_imu(database, before_s=2e9) == 5
@@ -231,7 +233,7 @@ async def test_after_a_sites_retention_its_batches_are_empty_but_known(
 async def test_batches_of_a_session_that_is_over_for_good_are_removed(
     log: SqlObservationLog, database: Database, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr("app.storage.log.PURGE_STRIDE", 2)
+    monkeypatch.setattr("app.storage.retention.PURGE_STRIDE", 2)
     await log.open_session(session_record("s-2", "phone-2", opened_s=101.0))
     for session_id in ("s-1", "s-2"):
         for seq, received_s in enumerate((110.0, 120.0, 130.0, 900.0)):

@@ -16,7 +16,8 @@ from app.core.types import Observation
 from app.storage import ageing, migrate
 from app.storage.database import Database
 from app.storage.engines import migrating_engine
-from app.storage.log import OBSERVATIONS, SqlObservationLog
+from app.storage.log import SqlObservationLog
+from app.storage.log_rows import OBSERVATIONS
 from app.storage.radio_maps import RadioMapOrigin, save_radio_map
 from app.storage.sites import StoredSite, insert_site
 from app.storage.tables import METADATA
