@@ -82,6 +82,9 @@ class Score:
         Share of the samples on the right floor.
     no_fix, no_fix_share
         Seconds, measured or not, that got no position of their own, and their share of all.
+    lost_share
+        Share of the samples that got no position of their own: the rest of ``no_fix`` lies before a
+        walk's first fix.
     coverage95_share, mean_radius95_m
         Share of the truth inside the radius told, and the mean radius, over the seconds that got a
         position of their own: an older one claims nothing of the present.
@@ -97,6 +100,7 @@ class Score:
     floor_right_share: float
     no_fix: int
     no_fix_share: float
+    lost_share: float
     coverage95_share: float
     mean_radius95_m: float
     coverage95_share_by_decile: tuple[float, ...]
@@ -133,6 +137,7 @@ def score(seconds: Iterable[ScoredSecond]) -> Score:
     measured = [(s, s.error_m) for s in every if s.error_m is not None]
     errors_m = np.array([error_m for _, error_m in measured] or [math.nan], dtype=np.float64)
     no_fix = sum(s.no_fix for s in every)
+    lost = sum(s.no_fix for s, _ in measured)
     right = sum(s.answer is not None and s.answer.floor_id == s.truth.floor_id for s in every)
     radii_m, inside = _claims(every)
     return Score(
@@ -144,6 +149,7 @@ def score(seconds: Iterable[ScoredSecond]) -> Score:
         floor_right_share=right / len(measured) if measured else math.nan,
         no_fix=no_fix,
         no_fix_share=no_fix / len(every) if every else math.nan,
+        lost_share=lost / len(measured) if measured else math.nan,
         coverage95_share=_mean(inside),
         mean_radius95_m=_mean(radii_m),
         coverage95_share_by_decile=tuple(_mean(part) for part in np.array_split(inside, DECILES)),

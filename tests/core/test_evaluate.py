@@ -21,11 +21,13 @@ def test_a_second_without_an_answer_holds_the_last_one_and_is_counted() -> None:
     assert result.mean_error_m == 2.5
     assert result.floor_right_share == 0.5
     assert result.no_fix_share == 0.5
+    assert result.lost_share == 0.5
 
 
 def test_before_the_first_answer_there_is_nothing_to_measure_only_to_count() -> None:
     result = score(hold_last(TRUTH, [None, None, THERE, THERE]))
     assert (result.samples, result.mean_error_m, result.no_fix_share) == (2, 0.0, 0.5)
+    assert result.lost_share == 0.0
 
 
 def test_percentiles_are_over_all_seconds_pooled() -> None:

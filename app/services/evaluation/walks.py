@@ -120,6 +120,7 @@ def walk_figures(walks: Sequence[FollowedWalk]) -> Figures:
         "mean_radius95_m": scored.mean_radius95_m,
         "coverage95_by_decile": scored.coverage95_share_by_decile,
         "no_fix_share": scored.no_fix_share,
+        "lost_share": scored.lost_share,
         "cpu_us_per_observation": 1e6 * cpu_s / observations if observations else None,
         "smoothed": {"mean_error_m": stored.mean_error_m, "p95_error_m": stored.p95_error_m},
     }
