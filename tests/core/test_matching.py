@@ -9,6 +9,7 @@ from app.core.fingerprint.matching import match, represent
 from app.core.fingerprint.query import Query, first_of, fresh_wifi_dbm, hear, mean_ble_dbm
 from app.core.fingerprint.radio_map import Fingerprint, build_radio_map, joined
 from app.core.fingerprint.survey import chosen_keys, walk_fingerprints
+from app.core.fingerprint.virtual import VIRTUAL_WALK
 from app.core.params import MatchParams
 from app.core.types import BleScan, Reading, WifiScan
 
@@ -184,3 +185,35 @@ def test_what_a_phone_without_wifi_surveyed_moves_no_phone_with_wifi(fingerprint
         before, after = (match(query, known, PARAMS) for known in (radio_map, both))
         assert np.array_equal(before.row, after.row)
         assert np.allclose(before.weight, after.weight)
+
+
+def test_a_virtual_fingerprint_counts_less_where_the_map_knows_a_scan_and_more_where_not():
+    levels_dbm = {f"w{i}": -50.0 - i for i in range(6)}
+    places = ((0.0, "a"), (9.0, VIRTUAL_WALK))
+    radio_map = build_radio_map(
+        ("f0",), [Fingerprint(0, x, 0.0, levels_dbm, {}, walk) for x, walk in places]
+    )
+    strange = {f"new{i}": -50.0 for i in range(9)}
+    known, unknown = (
+        match(Query(heard, {}), radio_map, PARAMS) for heard in (levels_dbm, levels_dbm | strange)
+    )
+    assert (known.row[0], unknown.row[0]) == (0, 1)
+    assert known.weight[0] > 0.99
+    for matches in (known, unknown):
+        farther = matches.distance[matches.row == 1] - matches.distance[matches.row == 0]
+        even = PARAMS.virtual_even_share - matches.nearest_sorensen
+        assert farther == pytest.approx(PARAMS.virtual_gain * even)
+
+
+def test_the_less_the_map_knows_a_scan_the_more_places_share_the_weight():
+    near, far = (
+        Fingerprint(0, x, 0.0, {"a": -50.0, "b": level_dbm}, {}, "walk")
+        for x, level_dbm in ((0.0, -60.0), (50.0, -63.0))
+    )
+    radio_map = build_radio_map(("f0",), [near, far])
+    shares = []
+    for strange in (1, 3, 9):
+        heard = {"a": -50.0, "b": -60.0} | {f"new{i}": -60.0 for i in range(strange)}
+        shares.append(match(Query(heard, {}), radio_map, PARAMS).weight[1])
+    assert shares == sorted(shares)
+    assert shares[-1] > 1.5 * shares[0]
