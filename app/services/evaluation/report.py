@@ -29,8 +29,8 @@ other traces again.
 of the radii to the largest. `smoothed` are the tracks as they are stored once a session is over; a
 live page does not see them. `no_fix_share` are mostly the seconds between a walk's first beacons
 and its first Wi-Fi scan: for 3 s the engine waits for that, since beacons alone would place the
-phone 11 m off there and not always on its floor ([best](methods/best.md) says what not waiting would
-cost). `lost_share` are the seconds after a walk's first fix that got none of their own. With
+phone 11 m off there and not always on its floor ([best](methods/best.md) says what not waiting
+would cost). `lost_share` are the seconds after a walk's first fix that got none of their own. With
 `--map-share` the map has only that share of
 each floor's surveyed walks. `--phone` posts the same walks as another phone would: `iphone` without
 any Wi-Fi scan, `throttled` with one in 30 s, `louder` and `weaker` with 10 dB added to and taken
