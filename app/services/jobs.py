@@ -1,8 +1,10 @@
 """Long work that its owner can watch: stored, and told to all who listen to the topic of jobs."""
 
 import logging
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from uuid import uuid4
+
+from sqlalchemy import Connection
 
 from app.services.writing import write
 from app.sessions.hub import Hub, Topic
@@ -71,6 +73,16 @@ class JobBoard:
         except DatabaseUnavailableError as error:
             _LOG.warning("the end of job %s is stored later: %s", job.job_id, error)
             self._database.submit(lambda c: jobs.update_job(c, job))
+        self._tell(job)
+
+    async def end_with(self, job: StoredJob, outcome: Callable[[Connection], None]) -> None:
+        """Store what came of a job together with its end: no kill leaves one without the other."""
+
+        def statement(connection: Connection) -> None:
+            outcome(connection)
+            jobs.update_job(connection, job)
+
+        await self._database.write(statement)
         self._tell(job)
 
     async def fail_cut_off(self, but: Collection[str]) -> None:

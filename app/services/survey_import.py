@@ -104,13 +104,15 @@ class SurveyImporter:
             holdings=parsed.holdings,
             unusable=parsed.unusable,
         )
-        await self._database.write(lambda c: surveys.complete_survey(c, whole))
         result = {
             "survey_id": whole.survey_id,
             "format": whole.survey_format,
             "unusable": parsed.unusable,
         }
-        await self._board.end(job.done(result, self._clock.now_s()))
+        done = job.done(result, self._clock.now_s())
+        # A job that had not ended would be begun again after a restart, and the survey be there
+        # twice.
+        await self._board.end_with(done, lambda c: surveys.complete_survey(c, whole))
 
     async def _fail(self, job: StoredJob, code: str, detail: str, **more: object) -> None:
         await self._board.end(job.failed(code, detail, self._clock.now_s(), **more))
