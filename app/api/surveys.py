@@ -107,16 +107,10 @@ async def upload_survey(
     """Receive a survey in one go; a job then reads it."""
     check_site(principal, asked.site_id)
     wanted = UploadRequest(asked.site_id, asked.name, asked.floor_id)
-    job = await context.uploads.begin(wanted)
-    try:
-        boundary = boundary_of(request.headers.get("content-type", ""))
-        body = _body(request)
-        pieces = body if boundary is None else file_part(body, boundary)
-        await context.uploads.append(job.job_id, 0, pieces)
-    except AppError as error:
-        await context.uploads.abandon(job.job_id, str(error))
-        raise
-    return _accepted(response, await context.uploads.finish(job.job_id))
+    boundary = boundary_of(request.headers.get("content-type", ""))
+    body = _body(request)
+    pieces = body if boundary is None else file_part(body, boundary)
+    return _accepted(response, await context.uploads.receive(wanted, pieces))
 
 
 @router.post("/uploads", status_code=201)

@@ -75,6 +75,7 @@ class SurveyUploads:
         self.spool = spool
         self._uploads: dict[str, _Upload] = {}
         self._imports: dict[str, asyncio.Task[None]] = {}
+        self._beginning = asyncio.Lock()
 
     async def recover(self) -> None:
         """At the start: go on with what was received, fail what the server's end cut off."""
@@ -86,8 +87,26 @@ class SurveyUploads:
             await self._take_up(job, stored, size)
         await self.sweep()
 
+    async def receive(self, request: UploadRequest, pieces: AsyncIterable[bytes]) -> StoredJob:
+        """Take a file that comes in one go; if it breaks off, its job fails: it cannot go on."""
+        job = await self.begin(request)
+        try:
+            await self.append(job.job_id, 0, pieces)
+            return await self.finish(job.job_id)
+        except AppError as error:
+            await self.abandon(job.job_id, str(error))
+            raise
+        finally:
+            # Of a full disk, say: nobody knows the job's id, who could give it up.
+            await self.abandon(job.job_id, "the server could not store it")
+
     async def begin(self, request: UploadRequest) -> StoredJob:
         """Open an upload."""
+        # One after the other: several at once would all find the last place free.
+        async with self._beginning:
+            return await self._begin(request)
+
+    async def _begin(self, request: UploadRequest) -> StoredJob:
         await self.sweep()
         if len(self._uploads) + len(self._imports) >= MAX_OPEN:
             detail = f"{MAX_OPEN} uploads are open or waiting; finish or delete one first"
@@ -247,7 +266,10 @@ class SurveyUploads:
         progress = {**upload.job.progress, "received_bytes": upload.received}
         upload.job = replace(upload.job, progress=progress)
         stored = upload.stored()
-        await self._database.write(lambda c: survey_uploads.put_upload(c, stored))
+        if not await self._database.write(lambda c: survey_uploads.put_upload(c, stored)):
+            await self.abandon(upload.job.job_id, "its site was deleted")
+            what = "site"
+            raise not_found(what, upload.request.site_id)
         await self._board.update(upload.job)
 
     def _open(self, job_id: str) -> _Upload:

@@ -4,7 +4,7 @@ from dataclasses import asdict, dataclass
 
 from sqlalchemy import Connection, delete, insert, select, update
 
-from app.storage.jobs import StoredJob, list_jobs_by_id
+from app.storage.jobs import StoredJob, get_job, list_jobs_by_id
 from app.storage.survey_tables import SURVEY_UPLOADS
 
 
@@ -30,12 +30,15 @@ class StoredUpload:
     interruptions: int = 0
 
 
-def put_upload(connection: Connection, upload: StoredUpload) -> None:
-    """Store how an upload stands now."""
+def put_upload(connection: Connection, upload: StoredUpload) -> bool:
+    """Store how an upload stands now; False if its job is gone, as it is with its site."""
+    if get_job(connection, upload.job_id) is None:
+        return False
     values = asdict(upload)
     known = update(SURVEY_UPLOADS).where(SURVEY_UPLOADS.c.job_id == upload.job_id)
     if connection.execute(known.values(**values)).rowcount == 0:
         connection.execute(insert(SURVEY_UPLOADS).values(**values))
+    return True
 
 
 def delete_upload(connection: Connection, job_id: str) -> None:

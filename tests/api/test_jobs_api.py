@@ -1,6 +1,7 @@
 import asyncio
 import os
-from collections.abc import AsyncIterator
+import resource
+from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager
 from pathlib import Path
 
@@ -10,13 +11,15 @@ from api_server import NOW_S, ApiServer, MovableClock, fill
 from app.config import Settings
 from app.main import create_app
 from app.services.survey_spool import Spool
-from app.services.survey_uploads import IDLE_S, MAX_INTERRUPTIONS, ORPHAN_S
+from app.services.survey_uploads import IDLE_S, MAX_INTERRUPTIONS, MAX_OPEN, ORPHAN_S
 from app.storage.database import Database
 from app.storage.jobs import StoredJob, insert_job
 from app.storage.survey_uploads import StoredUpload, list_uploads, put_upload
 
 pytestmark = pytest.mark.anyio
 
+SMALL = 2 << 20
+"""Bytes; the database has less."""
 CSV = b"point,floor_id,x,y,kind,key,rssi_dbm\nP1,lab-0,1,5,wifi,mac:aabbccddee01,-50\n"
 
 
@@ -198,6 +201,52 @@ async def test_an_upload_is_given_up_or_forgotten_after_a_day(server: ApiServer)
         told = [(await client.get(f"/v1/jobs/{r.json()['job_id']}")).json() for r in begun]
     assert [t["problem"]["code"] for t in told] == ["upload_abandoned"] * 2
     assert list(uploads.spool.folder.iterdir()) == []
+
+
+async def test_an_upload_ends_with_its_site(server: ApiServer):
+    uploads = server.app.state.context.uploads
+    floor = {"floor_id": "barn-0", "site_id": "barn", "name": "Ground", "ordinal": 0}
+    async with server.client("admin") as client:
+        await client.post("/v1/sites", json={"site_id": "barn", "name": "Barn"})
+        await client.post("/v1/floors", json={**floor, "width": 20, "height": 10})
+        wish = {"site_id": "barn", "total_bytes": 100}
+        url = (await client.post("/v1/surveys/uploads", json=wish)).headers["location"]
+        for place in ("/v1/floors/barn-0", "/v1/sites/barn"):
+            gone = await client.delete(place, headers={"If-Match": "*"})
+            assert gone.status_code == 204
+        sent = await client.patch(f"{url}?offset=0", content=b"x")
+        assert (sent.status_code, sent.json()["code"]) == (404, "not_found")
+        assert (await client.get(f"/v1/jobs/{url.rpartition('/')[2]}")).status_code == 404
+    assert list(uploads.spool.folder.iterdir()) == []
+
+
+async def test_no_more_uploads_are_open_than_may_be_however_they_are_asked_for(server: ApiServer):
+    wish = {"site_id": "lab", "total_bytes": 100}
+    async with server.client("surveyor") as client:
+        asked = (client.post("/v1/surveys/uploads", json=wish) for _ in range(MAX_OPEN + 4))
+        replies = await asyncio.gather(*asked)
+    assert sorted(reply.status_code for reply in replies) == [201] * MAX_OPEN + [429] * 4
+
+
+@pytest.fixture
+def small_files() -> Iterator[int]:
+    """Let no file of this process grow beyond some bytes, as on a full disk; return how many."""
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (SMALL, limits[1]))
+    yield SMALL
+    resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+
+
+async def test_a_file_that_the_disk_has_no_room_for_takes_no_place_among_uploads(
+    server: ApiServer, small_files: int
+):
+    async with server.client("surveyor") as client:
+        for _ in range(MAX_OPEN + 1):
+            sent = await client.post("/v1/surveys?site_id=lab", content=b"x" * (small_files + 1))
+            assert sent.status_code == 500
+        jobs = (await client.get("/v1/jobs?state=failed")).json()["items"]
+    assert {job["problem"]["code"] for job in jobs} == {"upload_abandoned"}
+    assert list(server.app.state.context.uploads.spool.folder.iterdir()) == []
 
 
 async def test_files_of_no_upload_are_removed_once_they_are_old(server: ApiServer):
