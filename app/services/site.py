@@ -3,7 +3,7 @@
 import asyncio
 import logging
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -26,6 +26,22 @@ from app.storage.sites import StoredSite
 _LOG = logging.getLogger(__name__)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class MatchedMap:
+    """The radio map that a site is matched with, and what it is made of.
+
+    Attributes
+    ----------
+    made_of
+        Id of the stored map, transmitters left out, floors of the site.
+    radio_map
+        None: it is of no floor of the site.
+    """
+
+    made_of: tuple[str, frozenset[str], tuple[str, ...]]
+    radio_map: RadioMap | None
+
+
 class SiteDirectory:
     """The current snapshot of every site, replaced as a whole when its model version changed."""
 
@@ -33,6 +49,9 @@ class SiteDirectory:
         self._database = database
         self._sites: dict[str, StoredSite] = {}
         self._models: dict[str, SiteModel] = {}
+        # What the engine derives of a radio map takes tenths of a second and over ten megabytes a
+        # large floor, and is remembered by map: an edit of a wall must not make it anew.
+        self._matched: dict[str, MatchedMap] = {}
         self._georeferences: dict[str, Georeference] = {}
         self._beacon_ids: dict[str, dict[str, str]] = {}
         self._refreshing = asyncio.Lock()
@@ -71,15 +90,21 @@ class SiteDirectory:
         async with self._refreshing:
             stored = {s.site_id: s for s in await self._database.read(sites.all_sites)}
             models: dict[str, SiteModel] = {}
+            matched: dict[str, MatchedMap] = {}
             beacon_ids: dict[str, dict[str, str]] = {}
             for site_id, site in stored.items():
                 model, ids = self._models.get(site_id), self._beacon_ids.get(site_id, {})
+                map_then = self._matched.get(site_id)
                 if model is None or model.version != site.model_version:
-                    model, ids = await self._database.read(partial(_loaded, site_id=site_id))
+                    load = partial(_loaded, site_id=site_id, known=map_then)
+                    model, map_then, ids = await self._database.read(load)
                 # A site may be gone by the time its model is read.
                 if model is not None:
                     models[site_id], beacon_ids[site_id] = model, ids
+                    if map_then is not None:
+                        matched[site_id] = map_then
             self._sites, self._models, self._beacon_ids = stored, models, beacon_ids
+            self._matched = matched
             self._georeferences = {
                 site_id: georeference
                 for site_id, site in stored.items()
@@ -87,8 +112,11 @@ class SiteDirectory:
             }
 
 
-def _loaded(connection: Connection, site_id: str) -> tuple[SiteModel | None, dict[str, str]]:
-    return load_site_model(connection, site_id), beacon_ids_by_key(connection, site_id)
+def _loaded(
+    connection: Connection, site_id: str, known: MatchedMap | None
+) -> tuple[SiteModel | None, MatchedMap | None, dict[str, str]]:
+    model, matched = _model_of(connection, site_id, known)
+    return model, matched, beacon_ids_by_key(connection, site_id)
 
 
 def control_points(stored: list[dict[str, float]]) -> list[ControlPoint]:
@@ -98,23 +126,45 @@ def control_points(stored: list[dict[str, float]]) -> list[ControlPoint]:
 
 def load_site_model(connection: Connection, site_id: str) -> SiteModel | None:
     """Return the snapshot of a site as stored now, None if there is no such site."""
+    return _model_of(connection, site_id, None)[0]
+
+
+def _model_of(
+    connection: Connection, site_id: str, known: MatchedMap | None
+) -> tuple[SiteModel | None, MatchedMap | None]:
     site = sites.get_site(connection, site_id)
     if site is None:
-        return None
+        return None, None
     stored = floors.floors_of_site(connection, site_id)
     georeference = stored_georeference(site)
-    radio_map = radio_maps.load_active(connection, site_id)
-    if radio_map is not None:
-        aged = ageing.quarantined_of_active(connection, site_id)
-        radio_map = radio_map.without_transmitters(aged)
-    return SiteModel(
+    floor_ids = tuple(floor.floor_id for floor in stored)
+    matched = _matched_map(connection, site_id, floor_ids, known)
+    model = SiteModel(
         site_id=site_id,
         version=site.model_version,
         floors=tuple(_floor(connection, floor) for floor in stored),
         anchors=anchors_of_site(connection, site_id),
-        radio_map=fitted_map(radio_map, tuple(floor.floor_id for floor in stored)),
+        radio_map=None if matched is None else matched.radio_map,
         x_axis_from_east_rad=georeference.x_axis_from_east_rad if georeference else 0.0,
     )
+    return model, matched
+
+
+def _matched_map(
+    connection: Connection, site_id: str, floor_ids: tuple[str, ...], known: MatchedMap | None
+) -> MatchedMap | None:
+    """Return what a site is matched with: the one ``known``, unless it is of something else now."""
+    active = radio_maps.list_radio_maps(connection, site_id=site_id, active=True, limit=1)
+    if not active:
+        return None
+    radio_map_id, aged = active[0].radio_map_id, ageing.quarantined_of_active(connection, site_id)
+    made_of = radio_map_id, aged, floor_ids
+    if known is not None and known.made_of == made_of:
+        return known
+    whole = radio_maps.load_radio_map(connection, radio_map_id)
+    if whole is None:
+        return None
+    return MatchedMap(made_of, fitted_map(whole.without_transmitters(aged), floor_ids))
 
 
 def stored_georeference(site: StoredSite) -> Georeference | None:

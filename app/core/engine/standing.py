@@ -4,6 +4,7 @@ import math
 from functools import lru_cache
 
 from app.core.fingerprint.paths import paths
+from app.core.fingerprint.radio_map import RadioMap
 from app.core.fusion.ground import Ground, ground
 from app.core.fusion.ways import NO_WAYS, WayParams, Ways, ways
 from app.core.site import SiteModel
@@ -22,12 +23,14 @@ def _grounds(site: SiteModel) -> tuple[Ground, ...]:
     angle_rad = site.x_axis_from_east_rad
     east = math.cos(angle_rad), -math.sin(angle_rad)
     return tuple(
-        ground(floor.walkable, east, _ways(site, index, east))
+        ground(floor.walkable, east, _ways(site.radio_map, index, east))
         for index, floor in enumerate(site.floors)
     )
 
 
-def _ways(site: SiteModel, floor_index: int, east: tuple[float, float]) -> Ways:
-    if site.radio_map is None:
+# By map, not by site: some tenths of a second a floor, which an edit of a wall must not cost.
+@lru_cache(maxsize=256)
+def _ways(radio_map: RadioMap | None, floor_index: int, east: tuple[float, float]) -> Ways:
+    if radio_map is None:
         return NO_WAYS
-    return ways(paths(site.radio_map, floor_index), east, WAYS)
+    return ways(paths(radio_map, floor_index), east, WAYS)
