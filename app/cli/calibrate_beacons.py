@@ -19,6 +19,7 @@ from app.cli.calibrate_source import (
 )
 from app.cli.errors import CommandError
 from app.cli.evaluate_output import JsonOption
+from app.cli.files import write_file
 from app.cli.local import DatabaseOption
 from app.core.types import Anchor
 from app.formats.beacons_csv import BeaconTableError, read_beacons_csv, write_beacons_csv
@@ -86,7 +87,7 @@ def _calibrate_tables(
     if out is not None:
         after = {beacon.beacon_id: asdict(beacon.after) for beacon in found.beacons}
         fitted = [replace(beacon, **after.get(beacon.beacon_id, {})) for beacon in stored]
-        _write(out, write_beacons_csv(beacon_view(b).model_dump() for b in fitted).encode())
+        write_file(out, write_beacons_csv(beacon_view(b).model_dump() for b in fitted).encode())
     print_report(LEVELS, asdict(found), json_file)
 
 
@@ -137,12 +138,4 @@ def _text(path: Path) -> str:
         return path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         msg = f"{path} cannot be read: {error}"
-        raise CommandError(msg) from error
-
-
-def _write(path: Path, content: bytes) -> None:
-    try:
-        path.write_bytes(content)
-    except OSError as error:
-        msg = f"{path} cannot be written: {error.strerror}"
         raise CommandError(msg) from error

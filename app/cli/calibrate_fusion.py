@@ -13,6 +13,7 @@ from rich.table import Table
 
 from app.cli.errors import CommandError
 from app.cli.evaluate_output import JsonOption
+from app.cli.files import write_file
 from app.core.fusion.blending import Three
 from app.core.fusion.blending_weights import Unidentified, WeightFit
 from app.formats.ms2020 import Trace, read_trace
@@ -58,11 +59,7 @@ def calibrate_fusion(
         return
     _print(found)
     if json_file is not None:
-        try:
-            json_file.write_bytes(text)
-        except OSError as error:
-            msg = f"the weights cannot be written: {error}"
-            raise CommandError(msg) from error
+        write_file(json_file, text)
 
 
 def _trace(path: Path) -> Trace:

@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from app.cli.errors import CommandError
+from app.cli.files import write_file
 from app.core.geometry import ellipse95
 from app.services.calibration_drafts import PLACES
 from app.storage.calibrations import StoredCalibration
@@ -39,7 +39,7 @@ def print_report(kind: str, report: Mapping[str, Any], json_file: Path | None) -
         typer.echo(text.decode(), nl=False)
         return
     if json_file is not None:
-        _write(json_file, text)
+        write_file(json_file, text)
     if kind == PLACES:
         Console().print(_places(document))
     else:
@@ -112,11 +112,3 @@ def _number(value: float | None, digits: int) -> str:
 
 def _told(error: Mapping[str, Any]) -> str:
     return "unknown" if error["mean_error_m"] is None else f"{error['mean_error_m']:.2f} m"
-
-
-def _write(path: Path, content: bytes) -> None:
-    try:
-        path.write_bytes(content)
-    except OSError as error:
-        msg = f"{path} cannot be written: {error.strerror}"
-        raise CommandError(msg) from error

@@ -9,7 +9,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from app.cli.errors import CommandError
+from app.cli.files import write_file
 from app.services.evaluation.figures import Evaluation
 from app.services.evaluation.report import columns_of, flat
 
@@ -30,11 +30,7 @@ def give(evaluation: Evaluation, json_file: Path | None) -> None:
         return
     Console().print(figures_table(evaluation))
     if json_file is not None:
-        try:
-            json_file.write_bytes(text)
-        except OSError as error:
-            msg = f"the figures cannot be written: {error}"
-            raise CommandError(msg) from error
+        write_file(json_file, text)
 
 
 def figures_table(evaluation: Evaluation) -> Table:

@@ -18,6 +18,7 @@ from app.api.planner_formats import plan_geojson, plan_json
 from app.api.planner_layout import request_of_layout
 from app.api.planner_schema import Layout
 from app.cli.errors import CommandError
+from app.cli.files import write_file
 from app.core.georeference import ControlPoint, Georeference, fit_georeference
 from app.services.errors import AppError
 from app.services.planning import CoverPlan, Figures, PlanRequest, PlanResult, Step
@@ -136,11 +137,7 @@ def _write(path: Path, content: bytes) -> None:
     if path == STDOUT:
         typer.echo(content, nl=False)
         return
-    try:
-        path.write_bytes(content)
-    except OSError as error:
-        msg = f"{path} cannot be written: {error.strerror}"
-        raise CommandError(msg) from error
+    write_file(path, content)
 
 
 def _print(request: PlanRequest, result: PlanResult) -> None:

@@ -12,6 +12,7 @@ from rich.table import Table
 
 from app.api.survey_report_formats import report_html, report_json, survey_report_json
 from app.cli.errors import CommandError
+from app.cli.files import write_file
 from app.cli.local import CLOCK, DatabaseOption, local_database
 from app.services.ageing import AgeingService
 from app.services.survey_reports import Reported, report_of, report_of_survey
@@ -47,9 +48,9 @@ def report(
     for name in ("floors", "thin_spots", "conflicts", "wrong_floors"):
         Console().print(_table(name.replace("_", " "), document[name]))
     if json_file is not None:
-        _write(json_file, msgspec.json.encode(document))
+        write_file(json_file, msgspec.json.encode(document))
     if html_file is not None:
-        _write(html_file, _page(document, reported))
+        write_file(html_file, _page(document, reported))
 
 
 def _told(
@@ -112,11 +113,3 @@ def _table(title: str, rows: list[dict[str, object]]) -> Table:
     for row in rows:
         table.add_row(*("" if value is None else str(value) for value in row.values()))
     return table
-
-
-def _write(path: Path, content: bytes) -> None:
-    try:
-        path.write_bytes(content)
-    except OSError as error:
-        msg = f"the report cannot be written: {error}"
-        raise CommandError(msg) from error
