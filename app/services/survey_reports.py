@@ -6,9 +6,10 @@ from enum import StrEnum
 import numpy as np
 from sqlalchemy import Connection
 
-from app.core.fingerprint.leaving_out import fingerprints_of, is_surveyed
+from app.core.fingerprint.leaving_out import fingerprints_of
 from app.core.fingerprint.radio_map import RadioMap, joined
 from app.core.fingerprint.survey_report import ReportParams, SurveyReport, survey_report
+from app.core.fingerprint.virtual import is_virtual
 from app.core.params import MatchParams
 from app.core.types import FloatArray
 from app.services.errors import AppError, ErrorCode, found
@@ -125,14 +126,14 @@ def _other_walks_in_use(
     if loaded is None or not listed:
         return None
     left = np.array([walk not in walks for walk in loaded.survey_walks], dtype=np.bool_)
-    others = loaded.of_rows(left & is_surveyed(loaded))
+    others = loaded.of_rows(left & ~is_virtual(loaded))
     return (listed[0], others) if others.rows else None
 
 
 def _reported(
     connection: Connection, site_id: str, radio_map: RadioMap, walks: frozenset[str] | None = None
 ) -> Reported:
-    _check_size(int(is_surveyed(radio_map).sum()))
+    _check_size(int(~is_virtual(radio_map).sum()))
     of_site = floors.floors_of_site(connection, site_id)
     params = ReportParams()
     places = [_places(connection, floor, params.cell_m) for floor in of_site]

@@ -18,7 +18,7 @@ from functools import lru_cache
 import numpy as np
 
 from app.core.fingerprint.radio_map import RadioMap
-from app.core.fingerprint.virtual import VIRTUAL_WALK
+from app.core.fingerprint.virtual import is_virtual
 from app.core.types import FloatArray, IntArray
 
 
@@ -108,7 +108,7 @@ def cell_map(radio_map: RadioMap, params: CellParams) -> CellMap:
     Columns are the radio map's own, so ``radio_map.column_by_key`` names them too. A map without
     survey scans has no cells.
     """
-    surveyed = np.array([walk != VIRTUAL_WALK for walk in radio_map.survey_walks], dtype=np.bool_)
+    surveyed = ~is_virtual(radio_map)
     places = np.column_stack([radio_map.x_m, radio_map.y_m])[surveyed]
     grid = np.column_stack([radio_map.floor_index[surveyed], cells_of(places, params.cell_m)])
     cells, cell_of_scan = np.unique(grid.astype(np.int64), axis=0, return_inverse=True)

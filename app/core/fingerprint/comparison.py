@@ -13,9 +13,9 @@ from typing import TypeAlias
 import numpy as np
 
 from app.core.fingerprint.cells import cells_of
-from app.core.fingerprint.leaving_out import is_surveyed
 from app.core.fingerprint.quality import left_out_fixes
 from app.core.fingerprint.radio_map import RadioMap
+from app.core.fingerprint.virtual import is_virtual
 from app.core.params import MatchParams
 
 Cell: TypeAlias = tuple[str, int, int]
@@ -130,7 +130,7 @@ def compare_maps(
 
 
 def _gridded(radio_map: RadioMap, match: MatchParams, params: ComparisonParams) -> _Gridded:
-    surveyed = radio_map.of_rows(is_surveyed(radio_map))
+    surveyed = radio_map.of_rows(~is_virtual(radio_map))
     on_grid = cells_of(np.column_stack([surveyed.x_m, surveyed.y_m]), params.cell_m)
     cell: list[Cell] = [
         (surveyed.floor_ids[floor], *xy)

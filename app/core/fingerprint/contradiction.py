@@ -23,13 +23,13 @@ import numpy as np
 from numba import njit
 
 from app.core.fingerprint.leaving_out import (
-    is_surveyed,
     left_out_matches,
     single_fix,
 )
 from app.core.fingerprint.matching import Matches
 from app.core.fingerprint.query import Query
 from app.core.fingerprint.radio_map import RadioMap
+from app.core.fingerprint.virtual import is_virtual
 from app.core.params import MatchParams
 from app.core.types import BoolArray, FloatArray, IntArray
 
@@ -112,7 +112,7 @@ def hearings(
 
 def learned_weights(radio_map: RadioMap, matching: MatchParams) -> Weights:
     """Return what scans say, learned of the survey alone; it changes with the map only."""
-    surveyed = radio_map.of_rows(is_surveyed(radio_map))
+    surveyed = radio_map.of_rows(~is_virtual(radio_map))
     names = {walk: i for i, walk in enumerate(dict.fromkeys(surveyed.survey_walks))}
     walk = np.array([names[name] for name in surveyed.survey_walks], dtype=np.int64)
     columns = len(surveyed.transmitters)

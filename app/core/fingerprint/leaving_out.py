@@ -8,7 +8,6 @@ import numpy as np
 from app.core.fingerprint.matching import Matches, likeness, match, match_index
 from app.core.fingerprint.query import Query
 from app.core.fingerprint.radio_map import WIFI, Fingerprint, RadioMap
-from app.core.fingerprint.virtual import VIRTUAL_WALK
 from app.core.params import MatchParams
 from app.core.types import BoolArray, FloatArray
 
@@ -45,11 +44,6 @@ def single_fix(matches: Matches) -> SingleFix:
     return SingleFix(
         floor_index, x_m, y_m, float(np.sqrt(weight @ apart_m2)), float(votes[floor_index])
     )
-
-
-def is_surveyed(radio_map: RadioMap) -> BoolArray:
-    """Return which rows (rows,) somebody walked, and not virtual ones."""
-    return np.array([walk != VIRTUAL_WALK for walk in radio_map.survey_walks], dtype=np.bool_)
 
 
 def query_of(radio_map: RadioMap, row: int) -> Query:

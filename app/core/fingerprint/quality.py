@@ -22,8 +22,9 @@ from dataclasses import dataclass, fields
 import numpy as np
 from scipy.optimize import nnls
 
-from app.core.fingerprint.leaving_out import is_surveyed, left_out_matches, single_fix
+from app.core.fingerprint.leaving_out import left_out_matches, single_fix
 from app.core.fingerprint.radio_map import RadioMap
+from app.core.fingerprint.virtual import is_virtual
 from app.core.params import MatchParams
 from app.core.types import FloatArray, IntArray
 
@@ -99,7 +100,7 @@ class LeftOut:
 
 def left_out_fixes(radio_map: RadioMap, params: MatchParams) -> LeftOut:
     """Return each surveyed scan with what the rest of the map says of it."""
-    surveyed = radio_map.of_rows(is_surveyed(radio_map))
+    surveyed = radio_map.of_rows(~is_virtual(radio_map))
     names = {walk: i for i, walk in enumerate(dict.fromkeys(surveyed.survey_walks))}
     fixes = np.full((surveyed.rows, 4), np.nan)
     for row, (_, matches) in enumerate(left_out_matches(surveyed, params)):

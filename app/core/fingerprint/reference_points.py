@@ -14,7 +14,7 @@ import numpy as np
 from app.core.fingerprint.cells import cells_of
 from app.core.fingerprint.cleaning import CleanedLevels, CleaningParams, clean_levels
 from app.core.fingerprint.radio_map import RadioMap
-from app.core.fingerprint.virtual import VIRTUAL_WALK
+from app.core.fingerprint.virtual import is_virtual
 from app.core.types import FloatArray, IntArray
 
 
@@ -58,7 +58,7 @@ class ReferencePoints:
 @lru_cache(maxsize=32)
 def reference_points(radio_map: RadioMap, params: ReferencePointParams) -> ReferencePoints:
     """Return the reference points of a radio map; computed once per map."""
-    surveyed = np.array([walk != VIRTUAL_WALK for walk in radio_map.survey_walks], dtype=np.bool_)
+    surveyed = ~is_virtual(radio_map)
     places = np.column_stack([radio_map.x_m, radio_map.y_m])[surveyed]
     grid = np.column_stack([radio_map.floor_index[surveyed], cells_of(places, params.cell_m)])
     cells, point_of_scan = np.unique(grid.astype(np.int64), axis=0, return_inverse=True)
