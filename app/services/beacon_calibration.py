@@ -66,8 +66,8 @@ class CalibratedBeacon:
     levels
         Places (of one phone each) at which it was heard.
     before_residual_db, after_residual_db
-        Root mean square of level less expectation, of the registered model and, cross-validated by
-        place, of calibrated ones; None where it was not heard.
+        Root mean square of level less expectation, of the registered model and, cross-validated as
+        the errors are, of calibrated ones; None where it was not heard.
     warnings
         What the levels could not tell; see docs/calibration.md.
     """
