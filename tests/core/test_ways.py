@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from app.core.fingerprint.growth import GROWN
 from app.core.fingerprint.paths import LONGEST_M, paths
 from app.core.fingerprint.radio_map import Fingerprint, build_radio_map
 from app.core.fingerprint.virtual import VIRTUAL_WALK
@@ -93,5 +94,7 @@ def test_paths_leave_out_gaps_standing_and_what_nobody_walked():
         (LONGEST_M + 1.0, 0, "a"),
         (0, 1, VIRTUAL_WALK),
         (0, 2, VIRTUAL_WALK),
+        (0, 3, f"{GROWN}phone"),
+        (0, 4, f"{GROWN}phone"),
     )
     assert not len(paths(radio_map, 0))

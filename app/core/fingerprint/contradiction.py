@@ -22,6 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
+from app.core.fingerprint.growth import is_surveyed
 from app.core.fingerprint.leaving_out import (
     left_out_matches,
     single_fix,
@@ -29,7 +30,6 @@ from app.core.fingerprint.leaving_out import (
 from app.core.fingerprint.matching import Matches
 from app.core.fingerprint.query import Query
 from app.core.fingerprint.radio_map import RadioMap
-from app.core.fingerprint.virtual import is_virtual
 from app.core.params import MatchParams
 from app.core.types import BoolArray, FloatArray, IntArray
 
@@ -112,7 +112,7 @@ def hearings(
 
 def learned_weights(radio_map: RadioMap, matching: MatchParams) -> Weights:
     """Return what scans say, learned of the survey alone; it changes with the map only."""
-    surveyed = radio_map.of_rows(~is_virtual(radio_map))
+    surveyed = radio_map.of_rows(is_surveyed(radio_map))
     names = {walk: i for i, walk in enumerate(dict.fromkeys(surveyed.survey_walks))}
     walk = np.array([names[name] for name in surveyed.survey_walks], dtype=np.int64)
     columns = len(surveyed.transmitters)

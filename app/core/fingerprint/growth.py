@@ -10,14 +10,23 @@ from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from app.core.fingerprint.query import KeyChoice
-from app.core.fingerprint.radio_map import Fingerprint
+from app.core.fingerprint.radio_map import Fingerprint, RadioMap
 from app.core.fingerprint.survey import scan_levels
+from app.core.fingerprint.virtual import is_virtual
 from app.core.params import MatchParams
-from app.core.types import Observation, TrackPoint
+from app.core.types import BoolArray, Observation, TrackPoint
 
 GROWN = "grown:"
 """Survey walks that begin so were not surveyed: a session's id follows."""
+
+
+def is_surveyed(radio_map: RadioMap) -> BoolArray:
+    """Return which rows (rows,) somebody surveyed: neither virtual nor grown."""
+    grown = np.array([w.startswith(GROWN) for w in radio_map.survey_walks], dtype=np.bool_)
+    return ~is_virtual(radio_map) & ~grown
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,13 +12,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from app.core.fingerprint.growth import GROWN
+from app.core.fingerprint.growth import is_surveyed
 from app.core.fingerprint.matching import likeness, match
 from app.core.fingerprint.query import Query
 from app.core.fingerprint.radio_map import WIFI, RadioMap
 from app.core.fingerprint.virtual import is_virtual
 from app.core.params import MatchParams
-from app.core.types import BoolArray, FloatArray, IntArray
+from app.core.types import FloatArray, IntArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,12 +58,6 @@ def left_out_errors_m(radio_map: RadioMap, params: MatchParams) -> FloatArray:
     # As many candidates more as a walk's own rows can take away.
     wider = replace(params, k=params.k + longest)
     return np.array([_error_m(heard, row, walk, wider, params) for row in surveyed.tolist()])
-
-
-def is_surveyed(radio_map: RadioMap) -> BoolArray:
-    """Return which rows (rows,) somebody surveyed: neither virtual nor grown."""
-    grown = np.array([w.startswith(GROWN) for w in radio_map.survey_walks], dtype=np.bool_)
-    return ~is_virtual(radio_map) & ~grown
 
 
 def _error_m(

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from app.core.fingerprint.growth import is_surveyed
 from app.core.fingerprint.radio_map import RadioMap
-from app.core.fingerprint.virtual import is_virtual
 from app.core.types import FloatArray
 
 LONGEST_M = 10.0
@@ -14,9 +14,10 @@ LONGEST_M = 10.0
 def paths(radio_map: RadioMap, floor_index: int) -> FloatArray:
     """Return the straight pieces (n, 4) between successive fingerprints of one walk on a floor.
 
-    Each is x and y of its begin and its end, m. Rows of a walk are in the order of its scans.
+    What grew from use is left out: a filter must not learn ways from its own tracks. Each piece is
+    x and y of its begin and its end, m. Rows of a walk are in the order of its scans.
     """
-    rows = np.flatnonzero((radio_map.floor_index == floor_index) & ~is_virtual(radio_map))
+    rows = np.flatnonzero((radio_map.floor_index == floor_index) & is_surveyed(radio_map))
     walks = np.array(radio_map.survey_walks)[rows]
     xy_m = np.column_stack([radio_map.x_m, radio_map.y_m])[rows]
     order = np.argsort(walks, kind="stable")
