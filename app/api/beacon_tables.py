@@ -107,7 +107,7 @@ async def import_beacons(
         created=len(plan.created),
         updated=len(plan.updated),
         unchanged=plan.unchanged,
-        changes=_changes(plan),
+        changes=beacon_changes(plan),
         refused=sorted(refused, key=lambda row: row.line),
     )
 
@@ -132,7 +132,8 @@ async def export_beacons(
     return Response(write_beacons_csv(items), media_type="text/csv", headers=disposition)
 
 
-def _changes(plan: ImportPlan) -> list[BeaconChange]:
+def beacon_changes(plan: ImportPlan) -> list[BeaconChange]:
+    """Return what an import changes, field by field."""
     added = [(None, beacon) for beacon in plan.created]
     changed = [(plan.before[beacon.beacon_id], beacon) for beacon in plan.updated]
     return [_change(before, after) for before, after in (*added, *changed)][:MAX_CHANGES]

@@ -1,7 +1,8 @@
 """RFC 9457 problem+json: the one JSON shape of every refused request under ``/v1``."""
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from http import HTTPStatus
 from typing import Any
 from uuid import uuid4
@@ -110,6 +111,21 @@ def respond(request: Request, error: AppError) -> JSONResponse:
         headers=headers,
         media_type=MEDIA_TYPE,
     )
+
+
+@contextmanager
+def pointing_to_query() -> Iterator[None]:
+    """Name, in what is refused inside, parameters of the query in place of fields of the body.
+
+    Services know one name for what may come in a body or in the query.
+    """
+    try:
+        yield
+    except AppError as error:
+        error.errors = tuple(
+            FieldError(e.pointer.replace("#/", "query:", 1), e.detail) for e in error.errors
+        )
+        raise
 
 
 def field_errors(errors: Sequence[Any]) -> tuple[FieldError, ...]:

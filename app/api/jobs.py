@@ -7,10 +7,10 @@ from pydantic import BaseModel
 
 from app.api.auth import check_site
 from app.api.fix import iso_time
-from app.api.paging import Page, Paging, page_of
+from app.api.paging import Page, Paging, newest_first_after, newest_first_cursor, page_of
 from app.api.resource import Context, Reader, listed_site, registry_router
-from app.services.errors import AppError, ErrorCode, found
-from app.storage.jobs import JobKey, JobsAsked, StoredJob
+from app.services.errors import found
+from app.storage.jobs import JobsAsked, StoredJob
 
 router = registry_router("/v1/jobs", "jobs")
 
@@ -56,19 +56,14 @@ async def list_jobs(
     state: JobState | None = None,
 ) -> Page[Job]:
     """List jobs, the newest first."""
-    after = None if paging.after is None else _job_key(paging.after)
+    after = newest_first_after(paging)
     wanted = JobsAsked(listed_site(principal, site_id), kind, state)
     rows = await context.jobs.page(wanted, after=after, limit=paging.limit)
-    return page_of(rows, paging.limit, lambda job: f"{job.created_s!r} {job.job_id}", job_view)
+    return page_of(rows, paging.limit, _key, job_view)
 
 
-def _job_key(cursor: str) -> JobKey:
-    created, _, job_id = cursor.partition(" ")
-    try:
-        created_s = float(created)
-    except ValueError as error:
-        raise AppError(ErrorCode.INVALID_CURSOR, "the cursor is not one of jobs") from error
-    return created_s, job_id
+def _key(job: StoredJob) -> str:
+    return newest_first_cursor(job.created_s, job.job_id)
 
 
 @router.get("/{job_id}")

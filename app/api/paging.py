@@ -63,6 +63,23 @@ def page_request(
 Paging = Annotated[PageRequest, Depends(page_request)]
 
 
+def newest_first_cursor(created_s: float, identifier: str) -> str:
+    """Return the key of a row of a list whose newest rows come first; a page ends with it."""
+    return f"{created_s!r} {identifier}"
+
+
+def newest_first_after(paging: PageRequest) -> tuple[float, str] | None:
+    """Return when the last row of the page before was made, and its id."""
+    if paging.after is None:
+        return None
+    created, _, identifier = paging.after.partition(" ")
+    try:
+        return float(created), identifier
+    except ValueError as error:
+        detail = "the cursor is not one of this list"
+        raise AppError(ErrorCode.INVALID_CURSOR, detail) from error
+
+
 def page_of(
     rows: Sequence[Stored],
     limit: int,

@@ -8,10 +8,20 @@ from pydantic import BaseModel, Field
 from starlette.requests import ClientDisconnect
 
 from app.api.auth import Principal, Role, check_site, require
+from app.api.conditional import (
+    NOT_MODIFIED,
+    MergePatch,
+    Seen,
+    is_held,
+    not_modified,
+    patch_schema,
+    patched,
+)
+from app.api.errors import pointing_to_query
 from app.api.fix import iso_time
 from app.api.jobs import Job, job_view
 from app.api.multipart import boundary_of, file_part
-from app.api.paging import Page, Paging, page_of
+from app.api.paging import Page, Paging, newest_first_after, newest_first_cursor, page_of
 from app.api.resource import (
     Context,
     Name,
@@ -21,9 +31,11 @@ from app.api.resource import (
     Text,
     listed_site,
     registry_router,
+    tagged,
 )
 from app.api.survey_report_formats import survey_report_json
 from app.api.survey_report_reply import REPORT_REPLIES, report_reply, report_type
+from app.services import surveys as survey_service
 from app.services.errors import AppError, ErrorCode, found
 from app.services.survey_frames import UploadRequest
 from app.services.survey_reports import report_of_survey
@@ -74,6 +86,12 @@ class Survey(BaseModel):
     unusable: dict[str, Any] | None
 
 
+class SurveyFields(StrictModel):
+    """What may be changed of a survey."""
+
+    name: Text
+
+
 class UploadQuery(StrictModel):
     """What an upload is of; `floor_id` is the floor of all of it, whatever its records say."""
 
@@ -110,7 +128,9 @@ async def upload_survey(
     boundary = boundary_of(request.headers.get("content-type", ""))
     body = _body(request)
     pieces = body if boundary is None else file_part(body, boundary)
-    return _accepted(response, await context.uploads.receive(wanted, pieces))
+    with pointing_to_query():
+        job = await context.uploads.receive(wanted, pieces)
+    return _accepted(response, job)
 
 
 @router.post("/uploads", status_code=201)
@@ -161,18 +181,43 @@ async def survey_from_session(
 async def list_surveys(
     principal: Reader, context: Context, paging: Paging, site_id: str | None = None
 ) -> Page[Survey]:
-    """List surveys by id."""
-    site = listed_site(principal, site_id)
+    """List surveys, the newest first."""
+    site, after = listed_site(principal, site_id), newest_first_after(paging)
     rows = await context.database.read(
-        lambda c: surveys.list_surveys(c, site_id=site, after=paging.after, limit=paging.limit)
+        lambda c: surveys.list_surveys(c, site_id=site, after=after, limit=paging.limit)
     )
-    return page_of(rows, paging.limit, lambda survey: survey.survey_id, _view)
+    return page_of(rows, paging.limit, _key, _view)
 
 
-@router.get("/{survey_id}")
-async def get_survey(survey_id: str, principal: Reader, context: Context) -> Survey:
+@router.get("/{survey_id}", response_model=Survey, responses=NOT_MODIFIED)
+async def get_survey(
+    survey_id: str, principal: Reader, context: Context, request: Request, response: Response
+) -> Survey | Response:
     """Return what a survey holds, and what of its upload could not be used."""
-    return _view(await _in_scope(survey_id, principal, context))
+    stored = await _in_scope(survey_id, principal, context)
+    if is_held(request, stored.row_version):
+        return not_modified(stored.row_version)
+    return tagged(response, stored.row_version, _view(stored))
+
+
+@router.patch("/{survey_id}", openapi_extra=patch_schema(SurveyFields))
+async def rename_survey(
+    survey_id: str,
+    patch: MergePatch,
+    principal: Surveyor,
+    context: Context,
+    seen: Seen,
+    response: Response,
+) -> Survey:
+    """Give a survey another name (merge-patch); radio maps that were built of it stay."""
+    await _in_scope(survey_id, principal, context)
+    stored = await survey_service.rename_survey(
+        context.database,
+        survey_id,
+        seen,
+        lambda name: patched(SurveyFields(name=name), patch).name,
+    )
+    return tagged(response, stored.row_version, _view(stored))
 
 
 @router.get("/{survey_id}/report", response_class=Response, responses=REPORT_REPLIES)
@@ -201,6 +246,10 @@ async def _in_scope(survey_id: str, principal: Principal, context: Context) -> S
     )
     check_site(principal, stored.site_id)
     return stored
+
+
+def _key(survey: StoredSurvey) -> str:
+    return newest_first_cursor(survey.created_s, survey.survey_id)
 
 
 def _accepted(response: Response, job: StoredJob) -> Job:

@@ -9,6 +9,7 @@ from xml.etree import ElementTree as ET
 
 from app.api.fix import heading_deg_of, iso_time
 from app.core.georeference import Georeference
+from app.formats.separated_values import text_cell
 from app.services.errors import AppError, ErrorCode
 from app.services.tracks import SitePoint
 
@@ -47,7 +48,7 @@ def track_csv(points: Iterable[SitePoint], georeference_of: GeoreferenceOf) -> s
         writer.writerow(
             (
                 iso_time(point.time_s),
-                located.device_id,
+                text_cell(located.device_id),
                 located.site_id,
                 point.floor_id,
                 point.x_m,

@@ -4,7 +4,6 @@ A running server takes up what is applied here within seconds.
 """
 
 import asyncio
-from datetime import UTC, datetime
 from typing import Annotated
 
 import typer
@@ -14,6 +13,7 @@ from rich.table import Table
 from app.cli.calibrate_report import print_draft
 from app.cli.evaluate_output import JsonOption
 from app.cli.local import CLOCK, DatabaseOption, local_database
+from app.cli.tables import minute_of
 from app.services import calibration_drafts as drafts
 from app.services.errors import found
 from app.storage import calibrations
@@ -36,9 +36,12 @@ def list_calibrations(
         stored = store.read_now(
             lambda c: calibrations.list_calibrations(c, site_id=site, after=None, limit=_MOST)
         )
-    table = Table("id", "floor", "of", "beacons", "created", "state")
+    table = Table()
+    table.add_column("id", no_wrap=True)
+    for heading in ("floor", "of", "beacons", "created", "state"):
+        table.add_column(heading, overflow="fold")
     for one in sorted(stored, key=lambda one: one.created_s):
-        created = datetime.fromtimestamp(one.created_s, UTC).strftime("%Y-%m-%d %H:%M")
+        created = minute_of(one.created_s)
         state = "draft" if one.applied_s is None else "applied"
         count = str(len(one.report["beacons"]))
         table.add_row(one.calibration_id, one.floor_id, one.kind, count, created, state)

@@ -17,6 +17,8 @@ from app.services.calibration_drafts import PLACES
 from app.storage.calibrations import StoredCalibration
 
 STDOUT = Path("-")
+_ID_WIDTH = 16
+"""An address as an id, ``mac-02005e005301``, stays in one piece on a terminal of 80 columns."""
 
 
 def print_draft(draft: StoredCalibration, json_file: Path | None) -> None:
@@ -78,9 +80,9 @@ def _places(report: Mapping[str, Any]) -> Table:
         caption="Half axes of the ellipse that holds the beacon in 95 of 100 cases, and the "
         "direction of the long one from the plan's +x.",
     )
-    table.add_column("beacon", overflow="fold")
+    table.add_column("beacon", overflow="fold", min_width=_ID_WIDTH)
     for heading in ("levels", "x", "y", "95 % m", "along", "dBm at 1 m", "exponent"):
-        table.add_column(heading, justify="right", no_wrap=True)
+        table.add_column(heading, justify="right", overflow="fold")
     table.add_column("warnings", overflow="fold")
     for beacon in report["beacons"]:
         model = beacon["model"] or {}

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from app.api.beacon_tables import checked_rows
+from app.api.beacon_tables import BeaconChange, beacon_changes, checked_rows
 from app.cli.errors import CommandError
 from app.cli.local import CLOCK, DatabaseOption, local_database
 from app.formats.beacons_csv import BeaconTableError, read_beacons_csv
@@ -20,7 +20,14 @@ TableFile = Annotated[Path, typer.Argument(metavar="FILE", help="CSV with a head
 SiteOption = Annotated[str, typer.Option(metavar="ID", help="Site that the table belongs to.")]
 
 
-def import_beacons(file: TableFile, site: SiteOption, database: DatabaseOption = None) -> None:
+def import_beacons(
+    file: TableFile,
+    site: SiteOption,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Tell what would change, and store nothing.")
+    ] = False,
+    database: DatabaseOption = None,
+) -> None:
     """Add and change beacons by their ids; good rows are taken, refused ones are listed."""
     console = Console(stderr=True)
     try:
@@ -30,17 +37,29 @@ def import_beacons(file: TableFile, site: SiteOption, database: DatabaseOption =
         raise CommandError(msg) from error
     taken, lines, refused = checked_rows(site, rows)
     with local_database(database) as store:
-        plan = asyncio.run(store_beacons(store, site, taken, dry_run=False))
+        plan = asyncio.run(store_beacons(store, site, taken, dry_run=dry_run))
     reasons = {row.line: row.detail for row in refused}
     reasons |= {lines[row.index]: row.detail for row in plan.refused}
     for line, reason in sorted(reasons.items()):
         console.print(f"line {line} is refused: {reason}", style="yellow", markup=False)
+    if dry_run:
+        for change in beacon_changes(plan):
+            console.print(_told(change), markup=False)
+    would = "would be " if dry_run else ""
     console.print(
-        f"{len(plan.created)} added, {len(plan.updated)} changed, {plan.unchanged} as they were"
+        f"{len(plan.created)} {would}added, {len(plan.updated)} {would}changed, "
+        f"{plan.unchanged} as they were"
     )
     if reasons:
         msg = f"{len(reasons)} of {len(rows)} rows were refused"
         raise CommandError(msg)
+
+
+def _told(change: BeaconChange) -> str:
+    if change.added:
+        return f"{change.beacon_id} is new"
+    fields = (f"{name} {was} to {now}" for name, (was, now) in change.change.items())
+    return f"{change.beacon_id}: {', '.join(fields)}"
 
 
 def import_fingerprints(file: TableFile, site: SiteOption, database: DatabaseOption = None) -> None:

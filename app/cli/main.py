@@ -28,6 +28,7 @@ cli = typer.Typer(
             ),
             "import": ("app.cli.imports:importing", "Bring in sites, beacons and fingerprints."),
             "survey": ("app.cli.survey:surveying", "Bring surveys to a server, and judge them."),
+            "jobs": ("app.cli.jobs:jobs", "List long work: uploads, builds of radio maps."),
             "radio-map": (
                 "app.cli.radio_map:radio_map_commands",
                 "Build, compare, activate and carry radio maps.",

@@ -4,16 +4,17 @@ A running server takes up what is activated here within seconds.
 """
 
 from dataclasses import asdict
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated
 
 import typer
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from app.cli.errors import CommandError
 from app.cli.local import CLOCK, DatabaseOption, local_database
+from app.cli.tables import minute_of
 from app.core.fingerprint.comparison import Comparison
 from app.services import radio_maps as service
 from app.services.radio_map_building import BuildOptions, BuildReport, Placing, built_map
@@ -47,12 +48,16 @@ def list_maps(
     """List radio maps; the active one of each site has a star."""
     with local_database(database) as store:
         stored = store.read_now(lambda c: list_radio_maps(c, site_id=site, limit=_MOST))
-    table = Table("id", "site", "version", "name", "fingerprints", "transmitters", "created")
+    table = Table()
+    # Other commands ask for the id: it is never cut off.
+    table.add_column("id", no_wrap=True)
+    for heading in ("site", "version", "name", "fingerprints", "transmitters", "created"):
+        table.add_column(heading, overflow="fold")
     for one in sorted(stored, key=lambda one: (one.site_id, one.version)):
         version = f"{one.version} *" if one.active else str(one.version)
-        created = datetime.fromtimestamp(one.created_s, UTC).strftime("%Y-%m-%d %H:%M")
         counts = (str(one.fingerprints), str(one.transmitters))
-        table.add_row(one.radio_map_id, one.site_id, version, one.name, *counts, created)
+        created = minute_of(one.created_s)
+        table.add_row(one.radio_map_id, one.site_id, version, escape(one.name), *counts, created)
     Console().print(table)
 
 

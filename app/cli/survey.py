@@ -12,9 +12,11 @@ from rich.console import Console
 from rich.progress import BarColumn, DownloadColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
 from app.cli.errors import CommandError
+from app.cli.survey_list import list_surveys
 from app.cli.survey_report import find_ageing, report
 
 surveying = typer.Typer(no_args_is_help=True, help="Bring surveys to a server, and judge them.")
+surveying.command("list")(list_surveys)
 surveying.command("report")(report)
 surveying.command("ageing")(find_ageing)
 
@@ -40,16 +42,38 @@ def upload(  # noqa: PLR0913 - one parameter per option
     ] = None,
 ) -> None:
     """Upload a survey, continue where a broken connection left off, and show what came of it."""
+    wish = {
+        "site_id": site,
+        "name": name or file.name,
+        "total_bytes": _size(file),
+        "floor_id": floor,
+    }
     try:
-        size = file.stat().st_size
-    except OSError as error:
-        msg = f"{file} cannot be read: {error}"
+        client = httpx.AsyncClient(
+            base_url=server.rstrip("/"), headers={"Authorization": f"Bearer {token}"}, timeout=60.0
+        )
+        job = asyncio.run(_upload(client, file, wish, resume))
+    except (httpx.InvalidURL, httpx.UnsupportedProtocol) as error:
+        msg = f"--server {server!r} cannot be used: {error}"
+        raise CommandError(msg, 2) from error
+    except httpx.ConnectError as error:
+        msg = f"nobody answers at {server}; is the server running, and is this its --server?"
         raise CommandError(msg) from error
-    wish = {"site_id": site, "name": name or file.name, "total_bytes": size, "floor_id": floor}
-    client = httpx.AsyncClient(
-        base_url=server.rstrip("/"), headers={"Authorization": f"Bearer {token}"}, timeout=60.0
-    )
-    _report(asyncio.run(_upload(client, file, wish, resume)))
+    except httpx.TransportError as error:
+        msg = f"the connection to {server} broke: {error}"
+        raise CommandError(msg) from error
+    _report(job)
+
+
+def _size(file: Path) -> int:
+    if file.is_dir():
+        msg = f"{file} is a folder: put its files into one zip and send that"
+        raise CommandError(msg, 2)
+    try:
+        return file.stat().st_size
+    except OSError as error:
+        msg = f"{file} cannot be read: {error.strerror}"
+        raise CommandError(msg) from error
 
 
 async def _upload(

@@ -5,7 +5,8 @@ the site frame) and ``keys`` (separated by blanks) are needed; instead of ``keys
 ``mac``, or ``uuid``, ``major`` and ``minor``, or all of them. ``name``, ``z``, ``ref_level_dbm``,
 ``ref_distance_m``, ``path_loss_exponent`` and ``shadowing_db`` may be left out or empty. What
 traffic says of a beacon (``last_heard_at``, ``battery_percent``, ``battery_v``, ``temperature_c``)
-is written and never read.
+is written and never read. Semicolons or tabs may separate (`separated_values`). A ``name`` that a
+spreadsheet would take for a formula is written with an apostrophe before it, and read without.
 """
 
 import csv
@@ -14,6 +15,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from app.formats.separated_values import cell_text, decimal_text, separator_of, text_cell
 from app.formats.transmitters import canonical_key, ibeacon_key, mac_key
 
 NUMBERS = (
@@ -56,14 +58,16 @@ def read_beacons_csv(text: str) -> Iterator[BeaconRow]:
     BeaconTableError
         If the header lacks a needed column or names an unknown one, or there are too many rows.
     """
-    reader = csv.DictReader(io.StringIO(text.removeprefix("\ufeff")), strict=True)
+    text = text.removeprefix("\ufeff")
+    separator = separator_of(text)
+    reader = csv.DictReader(io.StringIO(text), delimiter=separator, strict=True)
     try:
         _check_header(reader.fieldnames or ())
         for count, row in enumerate(reader):
             if count >= MAX_ROWS:
                 msg = f"more than {MAX_ROWS} rows"
                 raise BeaconTableError(msg)
-            yield _row(reader.line_num, row)
+            yield _row(reader.line_num, row, separator)
     except csv.Error as error:
         msg = f"line {reader.line_num}: {error}"
         raise BeaconTableError(msg) from error
@@ -76,7 +80,9 @@ def write_beacons_csv(rows: Iterable[Mapping[str, Any]]) -> str:
     writer = csv.DictWriter(out, columns, extrasaction="ignore", lineterminator="\n")
     writer.writeheader()
     for row in rows:
-        writer.writerow({**row, **_health(row), "keys": " ".join(row["keys"])})
+        name = text_cell(row.get("name") or "")
+        written = {**row, **_health(row), "name": name, "keys": " ".join(row["keys"])}
+        writer.writerow(written)
     return out.getvalue()
 
 
@@ -102,30 +108,37 @@ def _check_header(names: Iterable[str]) -> None:
         raise BeaconTableError(msg)
 
 
-def _row(line: int, row: Mapping[str | None, Any]) -> BeaconRow:
+def _row(line: int, row: Mapping[str | None, Any], separator: str) -> BeaconRow:
     if None in row or None in row.values():
         return BeaconRow(line, {}, "the row has not as many fields as the header")
     cells = {str(name): str(value).strip() for name, value in row.items()}
     try:
-        return BeaconRow(line, _fields(cells))
+        return BeaconRow(line, _fields(cells, separator))
     except ValueError as error:
         return BeaconRow(line, {"beacon_id": cells["beacon_id"]}, str(error))
 
 
-def _fields(cells: Mapping[str, str]) -> dict[str, Any]:
+def _fields(cells: Mapping[str, str], separator: str) -> dict[str, Any]:
     fields: dict[str, Any] = {
         name: cells[name]
         for name in ("beacon_id", "kind", "name", "floor_id")
         if cells.get(name, "") != ""
     }
+    if "name" in fields:
+        fields["name"] = cell_text(fields["name"])
     for name in NUMBERS:
         if cells.get(name, "") != "":
-            fields[name] = _number(name, cells[name])
+            fields[name] = _number(name, cells[name], separator)
     fields["keys"] = list(_keys(cells))
     return fields
 
 
-def _number(name: str, text: str) -> float:
+def _number(name: str, text: str, separator: str) -> float:
+    try:
+        text = decimal_text(text, separator)
+    except ValueError as error:
+        msg = f"{name}: {error}"
+        raise ValueError(msg) from error
     try:
         return float(text)
     except ValueError:

@@ -4,6 +4,7 @@ Columns, in any order: ``point`` (rows of one point make one fingerprint), ``flo
 ``y`` (metres in the site frame, the same in all rows of a point), ``key`` (a transmitter key, see
 `transmitters`), ``kind`` (wifi or ble) and ``rssi_dbm``. ``walk`` may be left out: fingerprints
 surveyed in one go share it. Several levels of one transmitter at one point are averaged.
+Semicolons or tabs may separate (`separated_values`).
 """
 
 import csv
@@ -12,6 +13,7 @@ import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 
+from app.formats.separated_values import decimal_text, separator_of
 from app.formats.transmitters import canonical_key
 
 NEEDED = ("point", "floor_id", "x", "y", "kind", "key", "rssi_dbm")
@@ -53,12 +55,14 @@ def read_fingerprints_csv(text: str) -> list[SurveyedPoint]:
     FingerprintTableError
         If a column is missing or unknown, or a row cannot be meant; there are no half tables.
     """
-    reader = csv.DictReader(io.StringIO(text.removeprefix("\ufeff")), strict=True)
+    text = text.removeprefix("\ufeff")
+    separator = separator_of(text)
+    reader = csv.DictReader(io.StringIO(text), delimiter=separator, strict=True)
     points: dict[str, _Levels] = {}
     try:
         _check_header(reader.fieldnames or ())
         for row in reader:
-            _take(points, row)
+            _take(points, row, separator)
     except (csv.Error, ValueError) as error:
         msg = f"line {max(reader.line_num, 1)}: {error}"
         raise FingerprintTableError(msg) from error
@@ -78,15 +82,15 @@ def _check_header(names: Iterable[str]) -> None:
         raise ValueError(msg)
 
 
-def _take(points: dict[str, _Levels], row: Mapping[str | None, str | None]) -> None:
+def _take(points: dict[str, _Levels], row: Mapping[str | None, str | None], separator: str) -> None:
     if None in row or None in row.values():
         msg = "the row has not as many fields as the header"
         raise ValueError(msg)
     cells = {str(name): str(value).strip() for name, value in row.items()}
     place = (
         cells["floor_id"],
-        _number(cells, "x"),
-        _number(cells, "y"),
+        _number(cells, "x", separator),
+        _number(cells, "y", separator),
         cells.get("walk", ""),
     )
     levels = points.setdefault(cells["point"], _Levels(place))
@@ -96,16 +100,17 @@ def _take(points: dict[str, _Levels], row: Mapping[str | None, str | None]) -> N
     if cells["kind"] not in levels.of_kind:
         msg = f"kind {cells['kind']!r} is neither wifi nor ble"
         raise ValueError(msg)
-    rssi_dbm = _number(cells, "rssi_dbm")
+    rssi_dbm = _number(cells, "rssi_dbm", separator)
     if not WEAKEST_DBM <= rssi_dbm <= STRONGEST_DBM:
         msg = f"rssi_dbm {rssi_dbm:g} is not in {WEAKEST_DBM:g}..{STRONGEST_DBM:g}"
         raise ValueError(msg)
     levels.of_kind[cells["kind"]].setdefault(canonical_key(cells["key"]), []).append(rssi_dbm)
 
 
-def _number(cells: Mapping[str, str], name: str) -> float:
+def _number(cells: Mapping[str, str], name: str, separator: str) -> float:
+    text = decimal_text(cells[name], separator)
     try:
-        number = float(cells[name])
+        number = float(text)
     except ValueError:
         number = math.nan
     if not math.isfinite(number):

@@ -1,7 +1,7 @@
 """Levels heard at known places as a table: CSV with a header line, one level a row.
 
 Columns, in any order: ``x``, ``y`` (metres in the site frame), ``rssi_dbm``, and ``beacon_id`` or
-``key``; ``device_id`` may be left out or empty.
+``key``; ``device_id`` may be left out or empty. Semicolons or tabs may separate.
 """
 
 import csv
@@ -10,6 +10,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from app.formats.separated_values import decimal_text, separator_of
 from app.formats.transmitters import canonical_key
 
 NUMBERS = ("x", "y", "rssi_dbm")
@@ -41,23 +42,25 @@ def read_levels_csv(text: str) -> list[LevelRow]:
     LevelTableError
         If the header lacks a column or a row cannot be meant.
     """
-    reader = csv.DictReader(io.StringIO(text.removeprefix("\ufeff")), strict=True)
+    text = text.removeprefix("\ufeff")
+    separator = separator_of(text)
+    reader = csv.DictReader(io.StringIO(text), delimiter=separator, strict=True)
     present = set(reader.fieldnames or ())
     if not set(NUMBERS) <= present or not present & set(NAMES):
         msg = f"the header needs {', '.join(NUMBERS)} and beacon_id or key"
         raise LevelTableError(msg)
     try:
-        return [_row(row) for row in reader]
+        return [_row(row, separator) for row in reader]
     except (ValueError, csv.Error) as error:
         msg = f"line {reader.line_num}: {error}"
         raise LevelTableError(msg) from error
 
 
-def _row(row: Mapping[str | None, str | None]) -> LevelRow:
+def _row(row: Mapping[str | None, str | None], separator: str) -> LevelRow:
     if None in row or None in row.values():
         msg = "the row has not as many fields as the header"
         raise ValueError(msg)
-    x_m, y_m, rssi_dbm = (float(row[name] or "") for name in NUMBERS)
+    x_m, y_m, rssi_dbm = (float(decimal_text(row[name] or "", separator)) for name in NUMBERS)
     if not all(map(math.isfinite, (x_m, y_m, rssi_dbm))):
         msg = "a number is not finite"
         raise ValueError(msg)

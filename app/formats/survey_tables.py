@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 from app.core.survey import Surveyed, SurveyPoint
 from app.formats.fingerprints_csv import NEEDED, OPTIONAL
+from app.formats.separated_values import DECIMAL_COMMA_SEPARATOR, separator_of
 from app.formats.survey_places import (
     Reason,
     SurveyFloor,
@@ -21,6 +22,8 @@ from app.formats.survey_places import (
 from app.formats.transmitters import canonical_key, mac_key
 
 MAX_COLUMNS = 20_000
+_NUMBERS = ("x", "y", "rssi_dbm")
+_WIDE_NAMES = ("FLOOR", "BUILDINGID", "PHONEID")
 MAX_READINGS = 5_000
 """Of one point; a scan in a tower's middle hears a few hundred."""
 
@@ -74,7 +77,7 @@ def read_long_csv(
 ) -> Iterator[Surveyed | Unusable]:
     """Yield the points of our own CSV; rows of a point that stand together make a fingerprint."""
     rows = iter(lines)
-    header = _header(rows)
+    header, separator = _header(rows)
     missing = set(NEEDED) - set(header)
     if missing or set(header) - {*NEEDED, *OPTIONAL}:
         msg = f"the header has to be {','.join(NEEDED)} and, if need be, walk"
@@ -84,7 +87,7 @@ def read_long_csv(
     for line_number, raw in rows:
         place = f"{name}:line {line_number}"
         try:
-            cells = dict(zip(header, _cells(raw), strict=True))
+            cells = _named_cells(header, raw, separator)
             key = tuple(cells.get(c, "") for c in ("point", "floor_id", "x", "y", "walk"))
             if gathered is None or key != written:
                 begun = _begun(cells, frame)
@@ -101,6 +104,13 @@ def read_long_csv(
         yield gathered.surveyed()
 
 
+def _named_cells(header: list[str], raw: bytes, separator: str) -> dict[str, str]:
+    cells = dict(zip(header, _cells(raw, separator), strict=True))
+    if separator == DECIMAL_COMMA_SEPARATOR:
+        cells |= {column: cells[column].replace(",", ".") for column in _NUMBERS}
+    return cells
+
+
 def _begun(cells: dict[str, str], frame: SurveyFrame) -> GatheredPoint:
     floor = frame.floor(cells["floor_id"])
     x_m, y_m = frame.place(floor, number(cells["x"], "x"), number(cells["y"], "y"))
@@ -114,9 +124,17 @@ class _WideHeader:
     columns: dict[str, int]
     access_points: tuple[tuple[int, str], ...]
     width: int
+    separator: str
 
     def cell(self, cells: Sequence[str], name: str) -> str:
         return cells[self.columns[name]] if name in self.columns else ""
+
+    def pointed(self, cells: list[str]) -> list[str]:
+        """Return the cells of a row, the decimals of numbers behind a point."""
+        if self.separator != DECIMAL_COMMA_SEPARATOR:
+            return cells
+        names = {self.columns[name] for name in _WIDE_NAMES if name in self.columns}
+        return [cell if i in names else cell.replace(",", ".") for i, cell in enumerate(cells)]
 
 
 def read_wide_csv(
@@ -124,17 +142,18 @@ def read_wide_csv(
 ) -> Iterator[Surveyed | Unusable]:
     """Yield the points of a wide table: a column per access point, 100 where it was not heard."""
     rows = iter(lines)
-    header = _wide_header(_header(rows))
+    header = _wide_header(*_header(rows))
     for line_number, raw in rows:
         try:
-            yield _wide_point(header, _cells(raw), frame, f"row {line_number - 1}")
+            cells = _cells(raw, header.separator)
+            yield _wide_point(header, cells, frame, f"row {line_number - 1}")
         except UnusableError as error:
             yield Unusable(f"{name}:line {line_number}", error.reason, error.detail)
         except (ValueError, csv.Error) as error:
             yield Unusable(f"{name}:line {line_number}", Reason.UNREADABLE, str(error))
 
 
-def _wide_header(names: list[str]) -> _WideHeader:
+def _wide_header(names: list[str], separator: str) -> _WideHeader:
     columns = {column.strip().upper(): i for i, column in enumerate(names)}
     access_points = [(i, column.strip()) for i, column in enumerate(names) if _is_wap(column)]
     places = [("X", "Y"), ("LONGITUDE", "LATITUDE")]
@@ -146,7 +165,7 @@ def _wide_header(names: list[str]) -> _WideHeader:
     except ValueError as error:
         msg = f"the header names no access point: {error}"
         raise UploadError(msg) from error
-    return _WideHeader(columns, keyed, len(names))
+    return _WideHeader(columns, keyed, len(names), separator)
 
 
 def _is_wap(column: str) -> bool:
@@ -166,6 +185,7 @@ def _wide_point(
 ) -> SurveyPoint:
     if len(cells) != header.width:
         raise UnusableError(Reason.FIELD_COUNT)
+    cells = header.pointed(cells)
     floor = frame.floor(header.cell(cells, "FLOOR"), header.cell(cells, "BUILDINGID"))
     if "X" in header.columns:
         x_m, y_m = number(header.cell(cells, "X"), "X"), number(header.cell(cells, "Y"), "Y")
@@ -224,15 +244,17 @@ def _anyplace_point(key: tuple[str, ...], frame: SurveyFrame, point: str) -> Gat
     return GatheredPoint(point, floor, x_m, y_m, time_s=time_s)
 
 
-def _header(rows: Iterator[tuple[int, bytes]]) -> list[str]:
+def _header(rows: Iterator[tuple[int, bytes]]) -> tuple[list[str], str]:
     try:
-        return _cells(next(rows)[1].removeprefix(b"\xef\xbb\xbf"))
+        raw = next(rows)[1].removeprefix(b"\xef\xbb\xbf")
+        separator = separator_of(raw.decode("utf-8", "replace"))
+        return _cells(raw, separator), separator
     except (ValueError, csv.Error, StopIteration) as error:
         msg = f"the header cannot be read ({error})"
         raise UploadError(msg) from error
 
 
-def _cells(raw: bytes) -> list[str]:
+def _cells(raw: bytes, separator: str) -> list[str]:
     try:
         text = raw.decode("utf-8")
     except UnicodeDecodeError as error:
@@ -241,7 +263,10 @@ def _cells(raw: bytes) -> list[str]:
         raise UnusableError(Reason.UNREADABLE, "a NUL in it")
     # Nine tables of ten quote nothing, and take a third of the time.
     quoted = '"' in text
-    cells = next(csv.reader(io.StringIO(text), strict=True), []) if quoted else text.split(",")
+    if quoted:
+        cells = next(csv.reader(io.StringIO(text), delimiter=separator, strict=True), [])
+    else:
+        cells = text.split(separator)
     if len(cells) > MAX_COLUMNS:
         raise UnusableError(Reason.FIELD_COUNT, f"more than {MAX_COLUMNS}")
     return cells

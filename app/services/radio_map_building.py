@@ -70,6 +70,8 @@ class BuildReport:
     ----------
     walks, dead_reckoned_walks
         How many, and how many of them were placed along their strides.
+    repeated_walks
+        Walks that are in the surveys once more, as when a file was uploaded twice; left out.
     beacon_walks
         How many had no Wi-Fi, and became fingerprints of beacons alone.
     scans, placed_scans
@@ -87,6 +89,7 @@ class BuildReport:
 
     walks: int = 0
     dead_reckoned_walks: int = 0
+    repeated_walks: int = 0
     beacon_walks: int = 0
     scans: int = 0
     placed_scans: int = 0
@@ -134,7 +137,8 @@ def built_map(
     """
     index = {floor.floor_id: i for i, floor in enumerate(floors)}
     every = list(surveyed)
-    here = sorted((one for one in every if one.floor_id in index), key=_order)
+    on_floors = sorted((one for one in every if one.floor_id in index), key=_order)
+    here = _without_repetitions(on_floors)
     placed = _placed(here, index, options)
     out = wanderers([*placed.of_walks, *placed.of_points], WanderingParams())
     keys = frozenset(wanderer.key for wanderer in out)
@@ -150,12 +154,13 @@ def built_map(
     report = BuildReport(
         walks=placed.walks,
         dead_reckoned_walks=placed.dead_reckoned,
+        repeated_walks=len(on_floors) - len(here),
         beacon_walks=placed.beacon_walks,
         scans=placed.scans,
         placed_scans=len(of_walks),
         point_scans=len(placed.of_points),
         reference_points=len(points),
-        other_floors=len(every) - len(here),
+        other_floors=len(every) - len(on_floors),
         virtual_fingerprints=len(virtual),
         kept_out=out,
     )
@@ -166,6 +171,24 @@ def _order(one: Surveyed) -> tuple[str, str, float]:
     if isinstance(one, SurveyWalk):
         return one.floor_id, one.walk, float(one.waypoints[0, 0])
     return one.floor_id, one.walk, one.time_s or 0.0
+
+
+def _without_repetitions(surveyed: Iterable[Surveyed]) -> list[Surveyed]:
+    """Return the records without walks that are there already.
+
+    Twice the same evidence looks like more evidence: of a transmitter that rotates, of an error.
+    """
+    seen: set[object] = set()
+    kept: list[Surveyed] = []
+    for one in surveyed:
+        if isinstance(one, SurveyWalk):
+            times_s = tuple(scan.time_s for scan in one.scans)
+            walked = one.floor_id, one.walk, one.waypoints.tobytes(), times_s
+            if walked in seen:
+                continue
+            seen.add(walked)
+        kept.append(one)
+    return kept
 
 
 def _placed(surveyed: list[Surveyed], index: dict[str, int], options: BuildOptions) -> _Placed:

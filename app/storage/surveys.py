@@ -1,20 +1,23 @@
 """Surveys as stored: walks whole, points a few hundred to a row, all hidden until complete."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any, TypeAlias
 
-from sqlalchemy import Connection, RowMapping, delete, insert, select, update
+from sqlalchemy import Connection, RowMapping, delete, insert, select, tuple_, update
 
 from app.core.survey import Surveyed, SurveyPoint, SurveyWalk
 from app.storage.codec import VariantCodec
-from app.storage.rows import unique
+from app.storage.rows import unique, update_row
 from app.storage.survey_tables import SURVEY_RECORDS, SURVEYS
 
 _CODEC: VariantCodec[Surveyed] = VariantCodec({"walk": SurveyWalk, "point": SurveyPoint})
 
 RecordRow: TypeAlias = dict[str, Any]
 """The columns of one stored record, without the survey's id: what a parsing process sends."""
+
+SurveyKey: TypeAlias = tuple[float, str]
+"""Where a page of the list ends: when its last survey was stored, and the survey's id."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,6 +111,13 @@ def complete_survey(connection: Connection, survey: StoredSurvey) -> None:
     )
 
 
+def rename_survey(connection: Connection, survey: StoredSurvey, name: str) -> StoredSurvey:
+    """Store another name of a survey read as ``row_version``; StaleError if that is past."""
+    values = {"name": name}
+    row_version = update_row(connection, SURVEYS, survey.survey_id, survey.row_version, values)
+    return replace(survey, name=name, row_version=row_version)
+
+
 def delete_survey(connection: Connection, survey_id: str) -> bool:
     """Remove a survey with all its records, complete or not; tell whether it was there."""
     return connection.execute(delete(SURVEYS).where(SURVEYS.c.id == survey_id)).rowcount == 1
@@ -126,14 +136,19 @@ def get_survey(connection: Connection, survey_id: str) -> StoredSurvey | None:
 
 
 def list_surveys(
-    connection: Connection, *, site_id: str | None = None, after: str | None = None, limit: int
+    connection: Connection,
+    *,
+    site_id: str | None = None,
+    after: SurveyKey | None = None,
+    limit: int,
 ) -> list[StoredSurvey]:
-    """Return up to ``limit + 1`` complete surveys by id, of one site or all."""
-    query = select(SURVEYS).where(SURVEYS.c.complete).order_by(SURVEYS.c.id).limit(limit + 1)
+    """Return up to ``limit + 1`` complete surveys of one site or all, the newest first."""
+    newest_first = SURVEYS.c.created_s.desc(), SURVEYS.c.id.desc()
+    query = select(SURVEYS).where(SURVEYS.c.complete).order_by(*newest_first).limit(limit + 1)
     if site_id is not None:
         query = query.where(SURVEYS.c.site_id == site_id)
     if after is not None:
-        query = query.where(SURVEYS.c.id > after)
+        query = query.where(tuple_(SURVEYS.c.created_s, SURVEYS.c.id) < after)
     return [_stored(row) for row in connection.execute(query).mappings()]
 
 

@@ -104,6 +104,18 @@ def test_a_hotspot_that_moved_is_kept_out_and_named() -> None:
     assert built.radio_map.rows == 42
 
 
+def test_a_walk_that_was_uploaded_twice_counts_once() -> None:
+    once = built_map([walk("w"), walk("v", begin_s=1_000.0)], FLOORS, PLAIN)
+    again = built_map(
+        [walk("w"), walk("v", begin_s=1_000.0), walk("w"), walk("w", begin_s=2_000.0)],
+        FLOORS,
+        PLAIN,
+    )
+    assert (once.report.walks, once.report.repeated_walks) == (2, 0)
+    assert (again.report.walks, again.report.repeated_walks) == (3, 1)
+    assert again.radio_map.rows == once.radio_map.rows + 21
+
+
 def test_the_order_of_the_surveys_does_not_matter() -> None:
     surveyed: list[Surveyed] = [
         walk("w"),
