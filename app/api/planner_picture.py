@@ -33,7 +33,8 @@ def plan_png(request: PlanRequest, result: PlanResult) -> bytes:
         _draw(figure, axes, request, scattered(result, of_cells))
         _mark(axes, request, result)
         axes.set(title=f"predicted error {name} (m)", xlabel="x (m)", ylabel="y (m)")
-    figure.axes[0].legend(loc="upper left", fontsize="small")
+    if any(beacons_by_kind(request, result).values()):
+        figure.axes[0].legend(loc="upper left", fontsize="small")
     out = io.BytesIO()
     figure.savefig(out, format="png", dpi=100)
     return out.getvalue()

@@ -78,23 +78,22 @@ def _places(report: Mapping[str, Any]) -> Table:
     table = Table(
         title=f"{len(report['beacons'])} beacons",
         caption="Half axes of the ellipse that holds the beacon in 95 of 100 cases, and the "
-        "direction of the long one from the plan's +x.",
+        "direction of the long one from the plan's +x; dBm at 1 m; n is the path-loss exponent.",
     )
     table.add_column("beacon", overflow="fold", min_width=_ID_WIDTH)
-    for heading in ("levels", "x", "y", "95 % m", "along", "dBm at 1 m", "exponent"):
+    for heading in ("levels", "x", "y", "95 % m", "along", "dBm", "n"):
         table.add_column(heading, justify="right", overflow="fold")
-    table.add_column("warnings", overflow="fold")
     for beacon in report["beacons"]:
         model = beacon["model"] or {}
+        # Below the id: as a column of their own they would take the numbers' room.
         table.add_row(
-            escape(beacon["beacon_id"]),
+            escape("\n".join([beacon["beacon_id"], *beacon["warnings"]])),
             str(beacon["levels"]),
             _number(beacon["x_m"], 1),
             _number(beacon["y_m"], 1),
             *_axes(beacon["covariance_m2"]),
             _number(model.get("ref_level_dbm"), 1),
             _number(model.get("path_loss_exponent"), 2),
-            " ".join(beacon["warnings"]),
         )
     return table
 

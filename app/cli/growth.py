@@ -62,6 +62,10 @@ def discard(site: SiteArgument, database: DatabaseOption = None) -> None:
 
 
 def _look(store: Database, site_id: str) -> Look:
+    site = found(store.read_now(lambda c: get_site(c, site_id)), "site", site_id)
+    if not site.grow_map:
+        hint = "no more sessions are kept aside: the site's grow_map is off (docs/map-growth.md)"
+        Console(stderr=True).print(hint, style="yellow")
     model = found(store.read_now(lambda c: load_site_model(c, site_id)), "site", site_id)
     return taken_look(model, asyncio.run(sessions_aside(store, site_id)), CLOCK.now_s())
 

@@ -98,6 +98,8 @@ def read_building(folder: Path) -> BuildingFolder:
     drawings = sorted((_drawing(path) for path in inside), key=lambda d: d.storey_number)
     if not drawings:
         msg = f"{folder} has no floor in it: no folder with a floor_info.json"
+        if (folder / "floor_info.json").exists():
+            msg = f"{folder} is a floor: name the folder that it is in, the building"
         raise BuildingFolderError(msg)
     west = min(drawing.box[0] for drawing in drawings)
     south = min(drawing.box[1] for drawing in drawings)

@@ -337,3 +337,48 @@ def test_a_survey_of_endless_transmitters_is_refused(
     path.write_text(HEADER + "".join(rows))
     *_, last = parse_upload(ParseTask(path, "endless", LAB))
     assert last == Refused("it names more than 100 transmitters", {"counts": {}, "first": []})
+
+
+async def test_a_survey_is_renamed_if_nobody_was_faster(server: ApiServer):
+    survey_id = (await upload(server, CSV.encode()))["result"]["survey_id"]
+    url = f"/v1/surveys/{survey_id}"
+    async with server.client("surveyor") as client:
+        seen = (await client.get(url)).headers["etag"]
+        renamed = await client.patch(url, json={"name": "Spring"}, headers={"If-Match": seen})
+        assert (renamed.status_code, renamed.json()["name"]) == (200, "Spring")
+        assert renamed.headers["etag"] != seen
+        late = await client.patch(url, json={"name": "Autumn"}, headers={"If-Match": seen})
+        assert (late.status_code, late.json()["code"]) == (412, "etag_mismatch")
+        held = await client.get(url, headers={"If-None-Match": renamed.headers["etag"]})
+        assert held.status_code == 304
+        wrong = await client.patch(url, json={"name": "x", "site_id": "annex"})
+        assert wrong.json()["errors"][0]["pointer"] == "#/site_id"
+        assert (await client.get(url)).json() == renamed.json()
+    async with server.client("viewer") as client:
+        assert (await client.patch(url, json={"name": "x"})).status_code == 403
+    async with server.client("annex-surveyor") as client:
+        assert (await client.patch(url, json={"name": "x"})).status_code == 403
+
+
+@on_both_databases
+async def test_surveys_are_listed_the_newest_first_page_by_page(server: ApiServer):
+    made = []
+    for _ in range(3):
+        server.clock.time_s += 1.0
+        made.append((await upload(server, CSV.encode()))["result"]["survey_id"])
+    async with server.client("viewer") as client:
+        first = (await client.get("/v1/surveys?limit=2")).json()
+        rest = (await client.get(f"/v1/surveys?limit=2&cursor={first['next_cursor']}")).json()
+    pages = [[one["survey_id"] for one in page["items"]] for page in (first, rest)]
+    assert pages == [[made[2], made[1]], [made[0]]]
+    assert rest["next_cursor"] is None
+
+
+async def test_a_parameter_of_the_query_is_named_as_one(server: ApiServer):
+    begun = {"site_id": "lab", "floor_id": "attic", "total_bytes": 9}
+    async with server.client("surveyor") as client:
+        in_query = await client.post("/v1/surveys?site_id=lab&floor_id=attic", content=b"x")
+        in_body = await client.post("/v1/surveys/uploads", json=begun)
+    assert (in_query.status_code, in_body.status_code) == (422, 422)
+    assert in_query.json()["errors"][0]["pointer"] == "query:floor_id"
+    assert in_body.json()["errors"][0]["pointer"] == "#/floor_id"

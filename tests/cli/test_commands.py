@@ -189,6 +189,22 @@ def test_good_rows_of_a_beacon_table_are_taken_and_bad_ones_named(
     assert [(b.beacon_id, b.ref_level_dbm) for b in found] == [("b1", -60.5), ("b2", -59.0)]
 
 
+def test_a_dry_run_tells_what_an_import_would_change_and_stores_nothing(
+    pharos: Pharos, stored: Database, tmp_path: Path
+) -> None:
+    table = tmp_path / "beacons.csv"
+    table.write_text(BEACONS.replace(",", ";").replace("-60.5", "-60,5"))
+    result = pharos("import", "csv", "beacons", table, "--site", "hall", "--dry-run")
+    assert "b1 is new" in result.err
+    assert "2 would be added" in result.err
+    assert stored.read_now(lambda c: beacons_of_site(c, "hall")) == []
+    pharos("import", "csv", "beacons", table, "--site", "hall")
+    table.write_text(BEACONS.replace("-60.5", "-61"))
+    changed = pharos("import", "csv", "beacons", table, "--site", "hall", "--dry-run")
+    assert "b1: ref_level_dbm -60.5 to -61.0" in changed.err
+    assert stored.read_now(lambda c: beacons_of_site(c, "hall"))[0].ref_level_dbm == -60.5
+
+
 FINGERPRINTS = """point,floor_id,x,y,kind,key,rssi_dbm
 p1,hall-f1,1,2,wifi,mac:02005e005301,-50
 p1,hall-f1,1,2,wifi,mac:02005e005302,-60
