@@ -124,6 +124,7 @@ EXAMPLES: dict[tuple[str, str], Example] = {
     },
     ("post", "/v1/surveys/uploads"): {"site_id": "hall", "name": "May", "total_bytes": 1000},
     ("post", "/v1/surveys/from-session"): {"device_id": "phone-7", "name": "Ground floor"},
+    ("patch", "/v1/surveys/{survey_id}"): {"name": "Ground floor, May"},
     ("patch", "/v1/beacons"): {
         "items": [
             {"beacon_id": "entrance", "patch": {"z": 2.4}},
