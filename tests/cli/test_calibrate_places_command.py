@@ -86,9 +86,9 @@ def database(database_url: str) -> Database:
 
 @pytest.fixture
 def calibrate(database_url: str, database: Database) -> Calibrate:
-    def run(command: str, *arguments: str | Path) -> Result:
+    def run(command: str, *arguments: str | Path, columns: int = 200) -> Result:
         words = ["calibrate", command, *map(str, arguments), "--database", database_url]
-        return CliRunner().invoke(cli, words, env={"COLUMNS": "200"})
+        return CliRunner().invoke(cli, words, env={"COLUMNS": str(columns)})
 
     return run
 
@@ -172,3 +172,13 @@ async def post_session(database: Database) -> None:
         readings = [Reading((f"ibeacon:{UUID}:1:{m}",), level_dbm(m, x, y)) for m in PLACES]
         told.append(BleScan(time_s, tuple(readings)))
     await log.append(LoggedBatch("s1", 0, b"", T0_S, tuple(told)), clock)
+
+
+def test_tables_fit_a_terminal_of_80_columns_with_ids_whole(
+    calibrate: Calibrate, trace: Path
+) -> None:
+    drafted = calibrate("places", "lab-0", "--trace", trace, "--register-unknown", columns=80)
+    *table, draft_id = drafted.stdout.strip().splitlines()
+    assert max(map(len, table)) <= 80
+    assert any("│ b5 " in line and line.endswith("│") for line in table)
+    assert draft_id in calibrate("list", columns=80).stdout

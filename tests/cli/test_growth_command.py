@@ -100,3 +100,9 @@ def test_what_is_discarded_cannot_be_accepted(growth: Growth, store: Database) -
     assert growth("discard", "lab").stdout == f"{WALKS} sessions forgotten\n"
     assert waiting(store) == 0
     assert isinstance(growth("accept", "lab").exception, CommandError)
+
+
+def test_a_site_that_has_not_asked_for_growth_is_told_how(growth: Growth, store: Database) -> None:
+    assert "grow_map is off" in growth("look", "lab").output
+    store.write_now(lambda c: insert_site(c, StoredSite("grown", "Grown", 0.0, grow_map=True)))
+    assert "grow_map is off" not in growth("look", "grown").output

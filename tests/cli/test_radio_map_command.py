@@ -150,3 +150,10 @@ def test_what_cannot_be_done_is_one_line(
 def test_the_active_map_is_not_deleted(pharos: Pharos, active: str) -> None:
     code, _, err = pharos("radio-map", "delete", active)
     assert (code, "is active" in err) == (1, True)
+
+
+def test_the_list_shows_whole_ids_on_a_terminal_of_80_columns(
+    pharos: Pharos, active: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    assert active in pharos("radio-map", "list", "--site", "hall")[1]

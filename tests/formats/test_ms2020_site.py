@@ -139,3 +139,8 @@ def test_surveyed_walks_lie_on_walkable_ground(shared_data: Path) -> None:
                     walkable.distance_at(place[0] + floor.x0_m, place[1] + floor.y0_m)
                 )
         assert np.mean(np.array(distances_m) == 0.0) > 0.95
+
+
+def test_a_floor_in_place_of_its_building_is_told_as_one(house: Path) -> None:
+    with pytest.raises(BuildingFolderError, match="is a floor: name the folder that it is in"):
+        read_building(next(path for path in house.iterdir() if path.is_dir()))
