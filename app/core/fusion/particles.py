@@ -251,7 +251,7 @@ def _walked(
         length = length_m * one[SCALE] * (1.0 + length_noise * normal(here + 2))
         direction = heading_rad + one[BIAS] + heading_noise * normal(here + 3)
         if lost:
-            direction = 2.0 * math.pi * uniform(here + 3) + math.atan2(floor[2][1], floor[2][0])
+            direction = 2.0 * math.pi * uniform(here + 3) + floor[3]
         one[X] += length * math.cos(direction)
         one[Y] += length * math.sin(direction)
         off_m = off_floor_m(floor, one[X], one[Y], far_m)
