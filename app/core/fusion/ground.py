@@ -68,6 +68,6 @@ def way_log_weight(floor: Ground, x_m: float, y_m: float, direction_rad: float) 
     if not (0 <= row < rows and 0 <= column < columns):
         return 0.0
     half_turns = (direction_rad - east_rad) / math.pi
-    # As % 1.0, which takes longer than all the rest.
-    share = half_turns - math.floor(half_turns)
-    return float(log_weight[int(share * directions) % directions, row, column])
+    which = int((half_turns - math.floor(half_turns)) * directions)
+    # A direction just short of the half turn may round to all of it.
+    return float(log_weight[which if which < directions else 0, row, column])
