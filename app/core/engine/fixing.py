@@ -4,6 +4,7 @@ import math
 from dataclasses import replace
 
 import numpy as np
+from numba import njit
 
 from app.core.engine.standing import ground_of
 from app.core.engine.state import SessionState, changed
@@ -180,17 +181,28 @@ def believe(state: SessionState, votes: FloatArray, time_s: float, params: Param
 
 def leaked(belief: FloatArray, elapsed_s: float, params: Params) -> FloatArray:
     """Return a belief in floors after a time in which the carrier may have changed floors."""
+    leak = 1.0 - math.exp(-params.floor.change_rate_ps * max(elapsed_s, params.floor.least_s))
+    return _leaked(belief, leak)
+
+
+@njit(cache=True)
+def _leaked(belief: FloatArray, leak: float) -> FloatArray:  # pragma: no cover - compiled
     if len(belief) == 1:
         return belief
-    leak = 1.0 - math.exp(-params.floor.change_rate_ps * max(elapsed_s, params.floor.least_s))
     others = (belief.sum() - belief) / (len(belief) - 1)
     return np.asarray((1.0 - leak) * belief + leak * others)
 
 
 def trusted(votes: FloatArray, params: Params) -> FloatArray:
     """Return the likelihood of each floor that a vote amounts to."""
-    likelihood = (votes / votes.sum() + params.floor.vote_floor) ** params.floor.trust
-    return np.asarray(likelihood)
+    return _trusted(votes, params.floor.vote_floor, params.floor.trust)
+
+
+@njit(cache=True)
+def _trusted(
+    votes: FloatArray, vote_floor: float, trust: float
+) -> FloatArray:  # pragma: no cover - compiled
+    return np.asarray((votes / votes.sum() + vote_floor) ** trust)
 
 
 def sums(group: IntArray, value: FloatArray, groups: int) -> FloatArray:

@@ -51,7 +51,7 @@ class Heard:
     @property
     def is_known(self) -> bool:
         """Whether the map knows any of the transmitters."""
-        return any((levels.column >= 0).any() for levels in (self.wifi, self.ble))
+        return bool((self.wifi.column >= 0).any() or (self.ble.column >= 0).any())
 
 
 def heard_in(query: Query, radio_map: RadioMap) -> Heard:
