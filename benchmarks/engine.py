@@ -82,7 +82,8 @@ def stage_shares(walks: Iterable[Walk], site: SiteModel) -> dict[str, float]:
 
 
 def tell(name: str, walks: Sequence[Walk], site: SiteModel) -> None:
-    """Print what a second costs on a site."""
+    """Print what a second costs on a site that the server has loaded."""
+    engine.prepare(site, PARAMS)
     batch_times_us(walks[:1], site)
     times_us = batch_times_us(walks, site)
     rows = 0 if site.radio_map is None else site.radio_map.rows

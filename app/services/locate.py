@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from app.core import engine
-from app.core.engine import SessionState, order_key
+from app.core.engine import SessionState
 from app.core.params import Params
 from app.core.site import SiteModel
 from app.core.types import FloatArray, IntArray, Observation, Output
@@ -36,9 +36,7 @@ class Located:
 
 async def locate(site: SiteModel, params: Params, observations: Iterable[Observation]) -> Located:
     """Fold observations that belong together, in event-time order, outside the event loop."""
-    by_key = {order_key(o): o for o in observations}
-    ordered = [by_key[key] for key in sorted(by_key)]
-    return await asyncio.to_thread(_fold, site, params, ordered)
+    return await asyncio.to_thread(_fold, site, params, engine.in_order(observations))
 
 
 def _fold(site: SiteModel, params: Params, ordered: Sequence[Observation]) -> Located:

@@ -9,7 +9,7 @@ from typing import Any
 
 from sqlalchemy import Connection
 
-from app.core.engine import PROFILES
+from app.core.engine import PROFILES, prepare
 from app.core.fingerprint.radio_map import RadioMap
 from app.core.georeference import ControlPoint, Georeference, fit_georeference
 from app.core.params import Params
@@ -98,6 +98,10 @@ class SiteDirectory:
                 if model is None or model.version != site.model_version:
                     load = partial(_loaded, site_id=site_id, known=map_then)
                     model, map_then, ids = await self._database.read(load)
+                    if model is not None:
+                        await asyncio.to_thread(
+                            prepare, model, PROFILES[site.default_profile].params
+                        )
                 # A site may be gone by the time its model is read.
                 if model is not None:
                     models[site_id], beacon_ids[site_id] = model, ids

@@ -1,8 +1,9 @@
 """The reorder window: a session's state now, and enough of its past to take in what comes late."""
 
 import math
-from bisect import bisect_right
+from bisect import bisect_left, bisect_right
 from dataclasses import dataclass
+from operator import attrgetter
 
 from app.core.engine import OrderKey, SessionState
 from app.core.params import Params
@@ -17,6 +18,9 @@ class Keyed:
 
     key: OrderKey
     observation: Observation
+
+
+_key_of = attrgetter("key")
 
 
 class ReorderWindow:
@@ -44,9 +48,10 @@ class ReorderWindow:
         An observation older than the window counts as late even if it was folded once: the window
         no longer knows it.
         """
-        known = {keyed.key for keyed in self._folded}
         oldest = self.checkpoint.last_key
-        fresh = [k for k in arrived if _is_before(self.checkpoint, k.key) and k.key not in known]
+        fresh = [
+            k for k in arrived if _is_before(self.checkpoint, k.key) and not self._is_folded(k.key)
+        ]
         late = oldest is not None and any(k.key < oldest for k in arrived)
         return fresh, late
 
@@ -93,12 +98,22 @@ class ReorderWindow:
     def _count_folded(self, state: SessionState) -> int:
         if state.last_key is None:
             return 0
-        return bisect_right(self._folded, state.last_key, key=lambda keyed: keyed.key)
+        return bisect_right(self._folded, state.last_key, key=_key_of)
+
+    def _is_folded(self, key: OrderKey) -> bool:
+        at = bisect_left(self._folded, key, key=_key_of)
+        return at < len(self._folded) and self._folded[at].key == key
+
+
+def in_order(arrived: list[Keyed]) -> list[Keyed]:
+    """Return observations as they are folded: in order, each once."""
+    ordered = sorted(arrived, key=_key_of)
+    return [k for i, k in enumerate(ordered) if not i or k.key != ordered[i - 1].key]
 
 
 def merge(fresh: list[Keyed], undone: list[Keyed]) -> list[Keyed]:
     """Return both lists as one in order."""
-    return sorted(fresh + undone, key=lambda keyed: keyed.key)
+    return sorted(fresh + undone, key=_key_of)
 
 
 def _is_before(state: SessionState, key: OrderKey) -> bool:

@@ -5,14 +5,14 @@ import math
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 
-from app.core.engine import Explanation, OrderKey, SessionState, order_key
+from app.core.engine import Explanation, SessionState, order_key
 from app.core.params import Params
 from app.core.session import LoggedBatch, SessionClock, SessionRecord, event_times
 from app.core.site import SiteModel
-from app.core.types import Observation, Output, TrackPoint
+from app.core.types import Output, TrackPoint
 from app.sessions.limits import SessionLimits
 from app.sessions.ports import SessionPorts
-from app.sessions.window import Keyed, ReorderWindow, merge
+from app.sessions.window import Keyed, ReorderWindow, in_order, merge
 
 # Event times count from the Unix epoch: nothing is older.
 BEGINNING_S = 0.0
@@ -195,11 +195,11 @@ class DeviceSession:
 
     async def _sort_all(self, batches: Iterable[LoggedBatch], clock: SessionClock) -> list[Keyed]:
         """Return the batches' observations in order, each once."""
-        keyed: dict[OrderKey, Observation] = {}
+        arrived: list[Keyed] = []
         for done, observation in enumerate(event_times(batches, clock), start=1):
-            keyed[order_key(observation)] = observation
+            arrived.append(Keyed(order_key(observation), observation))
             await self._give_way(done)
-        return [Keyed(key, keyed[key]) for key in sorted(keyed)]
+        return in_order(arrived)
 
     async def _fold_all(
         self, record: SessionRecord, window: ReorderWindow, todo: list[Keyed]

@@ -6,7 +6,8 @@ import math
 import numpy as np
 import pytest
 
-from app.core.engine import advance, finish, order_key, start
+from app.core.engine import advance, finish, in_order, order_key, start
+from app.core.engine.order import Content
 from app.core.engine.report import radius95_m
 from app.core.fingerprint.radio_map import Fingerprint, build_radio_map
 from app.core.params import Params
@@ -93,6 +94,18 @@ def test_equal_keys_are_equal_observations(observations):
     assert keys == sorted(keys)
     copies = [dataclasses.replace(o) for o in observations]
     assert [order_key(o) for o in copies] == keys
+
+
+def test_content_decides_among_observations_of_one_time_and_kind():
+    scans = [WifiScan(1.0, (Reading((f"k{i}",), -60.0),)) for i in range(8)]
+    ordered = in_order(scans)
+    assert in_order([*reversed(scans), *map(dataclasses.replace, scans)]) == ordered
+    digests = [order_key(scan)[2].digest for scan in ordered]
+    assert digests == sorted(set(digests))
+    # A key that was stored holds the digest alone.
+    assert [(1.0, order_key(scans[0])[1], Content(d)) for d in digests] == list(
+        map(order_key, ordered)
+    )
 
 
 def test_fixes_and_steps_are_fused(world, observations):

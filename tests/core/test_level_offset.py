@@ -36,7 +36,7 @@ def follow(radio_map, offset_db, scans=12):
         x_m, y_m = 5.0 + 2.5 * i, 15.0
         heard = {k: v + offset_db for k, v in levels_at(x_m, y_m, rng).items()}
         told = heard_in(Query(heard, {}), radio_map)
-        offset = offset or first_offset(told, radio_map, MATCHING, PARAMS)
+        offset = offset or first_offset(told, radio_map, MATCHING, PARAMS)[0]
         told = told.less(offset.mean_db)
         matches = match_heard(told, radio_map, MATCHING)
         errors_m.append(
@@ -84,8 +84,12 @@ def test_the_order_of_readings_is_irrelevant(radio_map):
     heard = levels_at(12.0, 9.0, np.random.default_rng(4))
     one = heard_in(Query(heard, {}), radio_map)
     other = heard_in(Query(dict(reversed(heard.items())), {}), radio_map)
-    start = first_offset(one, radio_map, MATCHING, PARAMS)
-    assert start == first_offset(other, radio_map, MATCHING, PARAMS)
+    start, matches = first_offset(one, radio_map, MATCHING, PARAMS)
+    assert start == first_offset(other, radio_map, MATCHING, PARAMS)[0]
+    assert (
+        matches.distance.tolist()
+        == match_heard(one.less(start.mean_db), radio_map, MATCHING).distance.tolist()
+    )
     matches = match_heard(one, radio_map, MATCHING)
     assert learned(start, one, matches, radio_map, PARAMS) == learned(
         start, other, matches, radio_map, PARAMS

@@ -3,6 +3,13 @@
 import subprocess
 import sys
 
+from app.core import engine
+from app.core.engine.anchoring import anchor_floors, anchor_levels, wall_loss_db
+from app.core.engine.standing import grounds
+from app.core.fingerprint.matching import match_index
+from app.core.params import Params
+from app.core.simulate import walk, warehouse
+
 # In a process of its own: whatever other tests have called is warm already in this one.
 SCRIPT = """
 import sys
@@ -38,3 +45,15 @@ def test_a_walk_after_the_warm_up_needs_no_further_kernel() -> None:
     command = (sys.executable, "-c", SCRIPT)
     done = subprocess.run(command, check=False, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
+
+
+def test_a_walk_at_a_prepared_site_works_nothing_of_it_out() -> None:
+    world = warehouse(2)
+    assert world.site.radio_map is not None
+    engine.prepare(world.site, Params())
+    kept = (grounds, match_index, anchor_floors, anchor_levels, wall_loss_db)
+    missed = [one.cache_info().misses for one in kept]
+    state = engine.start()
+    for observation in walk(world, 5, start_s=0.0, duration_s=30.0, imu=True).observations:
+        state, _ = engine.advance(state, observation, world.site, Params())
+    assert [one.cache_info().misses for one in kept] == missed

@@ -3,6 +3,7 @@ from sample_sessions import session_record, track_point
 from sqlalchemy import select, update
 
 from app.core.engine import SessionState
+from app.core.engine.order import Content
 from app.storage.database import Database
 from app.storage.log import SqlObservationLog
 from app.storage.snapshots import SqlSnapshotStore
@@ -19,7 +20,7 @@ async def store(database: Database, site: str) -> SqlSnapshotStore:
 
 
 def state(latest_s: float) -> SessionState:
-    return SessionState(last_key=(latest_s, 6, b"\x00\x01"), latest_s=latest_s)
+    return SessionState(last_key=(latest_s, 6, Content(b"\x00\x01")), latest_s=latest_s)
 
 
 async def test_the_last_snapshot_is_loaded(store: SqlSnapshotStore):

@@ -7,7 +7,7 @@ from app.core.engine.pipeline import advance, finish
 from app.core.engine.profiles import PROFILES, Profile
 from app.core.engine.smoothing import smoothed
 from app.core.engine.state import SessionState, start
-from app.core.engine.warmup import warm_up
+from app.core.engine.warmup import prepare, warm_up
 
 __all__ = [
     "PROFILES",
@@ -20,6 +20,7 @@ __all__ = [
     "finish",
     "in_order",
     "order_key",
+    "prepare",
     "smoothed",
     "start",
     "warm_up",

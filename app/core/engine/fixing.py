@@ -4,12 +4,13 @@ import math
 from dataclasses import replace
 
 import numpy as np
+from numba import njit
 
 from app.core.engine.standing import ground_of
 from app.core.engine.state import SessionState, changed
 from app.core.fingerprint.heard import Heard, heard_in
 from app.core.fingerprint.level_offset import LevelOffset, first_offset, learned
-from app.core.fingerprint.matching import match_heard
+from app.core.fingerprint.matching import Matches, match_heard
 from app.core.fingerprint.query import Query, first_of, fresh_wifi_dbm, mean_ble_dbm, within
 from app.core.fingerprint.radio_map import RadioMap
 from app.core.fusion.particles import Particles, begin, update
@@ -90,11 +91,7 @@ def _match(
     radio_map = site.radio_map
     if radio_map is None:
         return without(state, NoFixReason.NO_RADIO_MAP_OR_BEACONS)
-    heard = heard_in(query, radio_map)
-    offset = _offset_so_far(state, heard, radio_map, params)
-    if offset is not None:
-        heard = heard.less(offset.mean_db)
-    matches = match_heard(heard, radio_map, params.match)
+    offset, heard, matches = _matched(state, heard_in(query, radio_map), radio_map, params)
     if matches is None:
         return without(state, NoFixReason.UNKNOWN_TRANSMITTERS)
     if offset is not None and params.level_offset is not None:
@@ -105,7 +102,7 @@ def _match(
     votes = sums(matches.floor_index, matches.weight, len(site.floors))
     belief = believe(state, votes, time_s, params)
     variance = _match_variance_m2(query, matches.nearest_sorensen, params.fusion)
-    places = np.column_stack([matches.x_m, matches.y_m])
+    places = np.stack((matches.x_m, matches.y_m), axis=1)
     noise = (variance, 0.0, variance)
     sighting = Sighting(time_s, places, matches.weight, noise, votes, matches.floor_index)
     evidence = replace(state.evidence, sighting=sighting, means=Method.FINGERPRINT)
@@ -113,15 +110,22 @@ def _match(
     return changed(state, floor_belief=belief, evidence=evidence, used=used)
 
 
-def _offset_so_far(
+def _matched(
     state: SessionState, heard: Heard, radio_map: RadioMap, params: Params
-) -> LevelOffset | None:
-    """Return what is known of the phone's level offset; None: the profile takes levels as told."""
-    if params.level_offset is None or state.level_offset is not None:
-        return state.level_offset
-    if not len(heard.wifi):
-        return LevelOffset(0.0, params.level_offset.prior_db**2)
-    return first_offset(heard, radio_map, params.match, params.level_offset)
+) -> tuple[LevelOffset | None, Heard, Matches | None]:
+    """Return what is known of the phone's level offset, what is heard less it, and its matches.
+
+    No offset: the profile takes levels as told.
+    """
+    offset = state.level_offset
+    if params.level_offset is None:
+        return None, heard, match_heard(heard, radio_map, params.match)
+    if offset is None and len(heard.wifi):
+        offset, matches = first_offset(heard, radio_map, params.match, params.level_offset)
+        return offset, heard.less(offset.mean_db), matches
+    offset = offset or LevelOffset(0.0, params.level_offset.prior_db**2)
+    heard = heard.less(offset.mean_db)
+    return offset, heard, match_heard(heard, radio_map, params.match)
 
 
 def correct_particles(
@@ -177,17 +181,28 @@ def believe(state: SessionState, votes: FloatArray, time_s: float, params: Param
 
 def leaked(belief: FloatArray, elapsed_s: float, params: Params) -> FloatArray:
     """Return a belief in floors after a time in which the carrier may have changed floors."""
+    leak = 1.0 - math.exp(-params.floor.change_rate_ps * max(elapsed_s, params.floor.least_s))
+    return _leaked(belief, leak)
+
+
+@njit(cache=True)
+def _leaked(belief: FloatArray, leak: float) -> FloatArray:  # pragma: no cover - compiled
     if len(belief) == 1:
         return belief
-    leak = 1.0 - math.exp(-params.floor.change_rate_ps * max(elapsed_s, params.floor.least_s))
     others = (belief.sum() - belief) / (len(belief) - 1)
     return np.asarray((1.0 - leak) * belief + leak * others)
 
 
 def trusted(votes: FloatArray, params: Params) -> FloatArray:
     """Return the likelihood of each floor that a vote amounts to."""
-    likelihood = (votes / votes.sum() + params.floor.vote_floor) ** params.floor.trust
-    return np.asarray(likelihood)
+    return _trusted(votes, params.floor.vote_floor, params.floor.trust)
+
+
+@njit(cache=True)
+def _trusted(
+    votes: FloatArray, vote_floor: float, trust: float
+) -> FloatArray:  # pragma: no cover - compiled
+    return np.asarray((votes / votes.sum() + vote_floor) ** trust)
 
 
 def sums(group: IntArray, value: FloatArray, groups: int) -> FloatArray:

@@ -3,6 +3,8 @@
 import hashlib
 from array import array
 from collections.abc import Iterable
+from dataclasses import dataclass
+from operator import itemgetter
 from typing import TypeAlias
 
 from app.core.types import (
@@ -16,7 +18,45 @@ from app.core.types import (
     WifiScan,
 )
 
-OrderKey: TypeAlias = tuple[float, int, bytes]
+
+@dataclass(frozen=True, eq=False)
+class Content:
+    """What an observation says, compared by its digest.
+
+    Few observations share time and kind, and a digest takes longer than many of them do to fold:
+    that of an observation is made when it is first asked for.
+    """
+
+    digest: bytes
+
+    @classmethod
+    def of(cls, observation: Observation) -> "Content":
+        """Return the content of an observation."""
+        content = cls.__new__(cls)
+        vars(content)["observation"] = observation
+        return content
+
+    def __getattr__(self, name: str) -> bytes:
+        # Asked for what is not there yet.
+        if name != "digest" or "observation" not in vars(self):
+            raise AttributeError(name)
+        digest = vars(self)["digest"] = _digest(vars(self)["observation"])
+        return digest
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Content):
+            return NotImplemented
+        mine, its = vars(self).get("observation"), vars(other).get("observation")
+        return (mine is its and mine is not None) or self.digest == other.digest
+
+    def __lt__(self, other: "Content") -> bool:
+        return self.digest < other.digest
+
+    def __hash__(self) -> int:
+        return hash(self.digest)
+
+
+OrderKey: TypeAlias = tuple[float, int, Content]
 
 # At equal times motion comes before scans: a scan then meets the prediction it belongs to.
 _RANK: dict[type, int] = {
@@ -31,17 +71,18 @@ _RANK: dict[type, int] = {
 
 
 def order_key(observation: Observation) -> OrderKey:
-    """Return the sort key: event time, then kind, then a digest of the content.
+    """Return the sort key: event time, then kind, then content.
 
     Equal keys mean equal observations: the fold takes such a pair once.
     """
-    return (observation.time_s, _RANK[type(observation)], _digest(observation))
+    return (observation.time_s, _RANK[type(observation)], Content.of(observation))
 
 
 def in_order(observations: Iterable[Observation]) -> list[Observation]:
     """Return observations as they are folded: in order, each once."""
-    by_key = {order_key(observation): observation for observation in observations}
-    return [by_key[key] for key in sorted(by_key)]
+    arrived = sorted(((order_key(one), one) for one in observations), key=itemgetter(0))
+    keys = [None, *(key for key, _ in arrived)]
+    return [one for (key, one), last in zip(arrived, keys, strict=False) if key != last]
 
 
 def _digest(observation: Observation) -> bytes:

@@ -15,11 +15,12 @@ WAYS = WayParams()
 
 def ground_of(floor_belief: FloatArray | None, site: SiteModel) -> Ground:
     """Return the ground of the most probable floor."""
-    return _grounds(site)[0 if floor_belief is None else floor_belief.argmax()]
+    return grounds(site)[0 if floor_belief is None else floor_belief.argmax()]
 
 
 @lru_cache(maxsize=32)
-def _grounds(site: SiteModel) -> tuple[Ground, ...]:
+def grounds(site: SiteModel) -> tuple[Ground, ...]:
+    """Return the ground of each floor; computed once per site model."""
     angle_rad = site.x_axis_from_east_rad
     east = math.cos(angle_rad), -math.sin(angle_rad)
     return tuple(

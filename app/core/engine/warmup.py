@@ -1,13 +1,17 @@
-"""A fold for the kernels' sake: compiled or loaded before the first phone would wait for them."""
+"""What would keep the first phone waiting, done before: kernels loaded, a site worked out."""
 
 import math
 
 import numpy as np
 
+from app.core.engine.anchoring import anchor_floors, anchor_levels, wall_loss_db
 from app.core.engine.order import order_key
 from app.core.engine.profiles import PROFILES
 from app.core.engine.smoothing import smoothed
+from app.core.engine.standing import grounds
+from app.core.fingerprint.matching import match_index
 from app.core.fingerprint.radio_map import Fingerprint, build_radio_map
+from app.core.params import Params
 from app.core.site import Floor, SiteModel, Wall
 from app.core.types import Anchor, BleScan, ImuBlock, Observation, Reading, Steps, WifiScan
 
@@ -24,6 +28,18 @@ def warm_up() -> None:
     walk, site = sorted(_short_walk(), key=order_key), _small_site()
     for profile in PROFILES.values():
         smoothed(walk, site, profile.params)
+
+
+def prepare(site: SiteModel, params: Params) -> None:
+    """Work out what the engine keeps of a site model, which else the first scan would wait for."""
+    grounds(site)
+    if site.radio_map is not None:
+        match_index(site.radio_map, params.match)
+    if site.anchors:
+        anchor_floors(site)
+        anchor_levels(site, params.lateration.phone_height_m)
+    for anchor_index in range(len(site.anchors)):
+        wall_loss_db(site, anchor_index)
 
 
 def _small_site() -> SiteModel:

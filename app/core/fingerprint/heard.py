@@ -34,6 +34,9 @@ class Levels:
         return Levels(self.column, self.level_dbm - offset_db)
 
 
+_NOTHING = Levels(np.empty(0, dtype=np.int64), np.empty(0))
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Heard:
     """What a query holds, per radio."""
@@ -48,7 +51,7 @@ class Heard:
     @property
     def is_known(self) -> bool:
         """Whether the map knows any of the transmitters."""
-        return any((levels.column >= 0).any() for levels in (self.wifi, self.ble))
+        return bool((self.wifi.column >= 0).any() or (self.ble.column >= 0).any())
 
 
 def heard_in(query: Query, radio_map: RadioMap) -> Heard:
@@ -57,6 +60,8 @@ def heard_in(query: Query, radio_map: RadioMap) -> Heard:
 
 
 def _levels(levels_dbm: dict[str, float], radio_map: RadioMap) -> Levels:
+    if not levels_dbm:
+        return _NOTHING
     keys, columns = sorted(levels_dbm), radio_map.column_by_key
     return Levels(
         np.array([columns.get(key, -1) for key in keys], dtype=np.int64),

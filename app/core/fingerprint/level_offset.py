@@ -38,17 +38,20 @@ class LevelOffset:
 
 def first_offset(
     heard: Heard, radio_map: RadioMap, matching: MatchParams, params: LevelOffsetParams
-) -> LevelOffset:
-    """Return the offset of those tried with which the map knows the session's first scan best."""
-    best_db, least = 0.0, np.inf
+) -> tuple[LevelOffset, Matches | None]:
+    """Return the offset of those tried with which the map knows the session's first scan best.
+
+    And what the scan less that offset was matched with.
+    """
+    best_db, best, least = 0.0, None, np.inf
     for offset_db in params.tried_db:
         matches = match_heard(heard.less(offset_db), radio_map, matching)
         if matches is not None:
             cost = TRUST * matches.distance[0]
             cost += 0.5 * (offset_db / params.prior_db) ** 2
             if cost < least:
-                best_db, least = offset_db, cost
-    return LevelOffset(best_db, params.prior_db**2)
+                best_db, best, least = offset_db, matches, cost
+    return LevelOffset(best_db, params.prior_db**2), best
 
 
 def learned(

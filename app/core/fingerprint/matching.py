@@ -146,31 +146,27 @@ def match_heard(heard: Heard, radio_map: RadioMap, params: MatchParams) -> Match
     if not heard.is_known:
         return None
     index, wifi_dbm = match_index(radio_map, params), heard.wifi.level_dbm
-    distance, sorensen = _distances(
+    share = power = represent(wifi_dbm, params.wifi_floor_dbm, params.sorensen_exponent)
+    if index.power is not index.share:
+        power = represent(wifi_dbm, params.wifi_floor_dbm, params.cosine_exponent)
+    ble_share = represent(heard.ble.level_dbm, params.ble_floor_dbm, params.ble_exponent)
+    row, distance, sorensen = _nearest_of_all(
         (radio_map.column_start, index.row),
         (index.share, index.power, index.share_sum, index.power_norm),
-        (
-            heard.wifi.column,
-            represent(wifi_dbm, params.wifi_floor_dbm, params.sorensen_exponent),
-            represent(wifi_dbm, params.wifi_floor_dbm, params.cosine_exponent),
-        ),
-        (
-            heard.ble.column,
-            represent(heard.ble.level_dbm, params.ble_floor_dbm, params.ble_exponent),
-        ),
-        params.ble_gain * min(1.0, len(heard.ble) / 3.0),
+        (heard.wifi.column, share, power),
+        (heard.ble.column, ble_share, params.ble_gain * min(1.0, len(heard.ble) / 3.0)),
+        (index.virtual, params.virtual_gain, params.virtual_even_share),
+        min(params.k, radio_map.rows),
     )
-    distance += params.virtual_gain * (params.virtual_even_share - sorensen.min()) * index.virtual
-    row = _nearest(distance, min(params.k, radio_map.rows))
-    weight = likeness(distance[row], sorensen[row], params) / index.crowd[row]
+    weight = likeness(distance, sorensen, params) / index.crowd[row]
     return Matches(
         row=row,
-        distance=distance[row],
+        distance=distance,
         weight=weight / weight.sum(),
         floor_index=radio_map.floor_index[row],
         x_m=radio_map.x_m[row],
         y_m=radio_map.y_m[row],
-        sorensen=sorensen[row],
+        sorensen=sorensen,
     )
 
 
@@ -182,6 +178,25 @@ def likeness(distance: FloatArray, sorensen: FloatArray, params: MatchParams) ->
     """
     softness = params.softness_ratio * max(float(sorensen.min()), LEAST_SORENSEN)
     return np.asarray(np.exp((distance.min() - distance) / softness))
+
+
+@njit(cache=True)
+def _nearest_of_all(
+    inverted: tuple[IntArray, npt.NDArray[np.uint32]],
+    levels: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
+    wifi: tuple[IntArray, FloatArray, FloatArray],
+    ble: tuple[IntArray, FloatArray, float],
+    virtual: tuple[FloatArray, float, float],
+    k: int,
+) -> tuple[IntArray, FloatArray, FloatArray]:  # pragma: no cover - compiled
+    """Return the k nearest rows, their distances and their Sørensen distances."""
+    distance, sorensen = _distances(inverted, levels, wifi, ble)
+    is_virtual, gain, even_share = virtual
+    farther = gain * (even_share - sorensen.min())
+    for r in range(len(distance)):
+        distance[r] += farther * is_virtual[r]
+    row = _nearest(distance, k)
+    return row, distance[row], sorensen[row]
 
 
 @njit(cache=True)
@@ -204,8 +219,7 @@ def _distances(
     inverted: tuple[IntArray, npt.NDArray[np.uint32]],
     levels: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
     wifi: tuple[IntArray, FloatArray, FloatArray],
-    ble: tuple[IntArray, FloatArray],
-    ble_gain: float,
+    ble: tuple[IntArray, FloatArray, float],
 ) -> tuple[FloatArray, FloatArray]:  # pragma: no cover - compiled
     """Return distance and Sørensen distance of every row (rows,)."""
     share, power, share_sum, power_norm = levels
@@ -219,7 +233,7 @@ def _distances(
         for r in range(rows):
             total = heard + share_sum[1, r]
             sorensen[r] = 1.0 - 2.0 * shared[r, 0] / total if total > 0.0 else 1.0
-            distance[r] = ble_gain * sorensen[r]
+            distance[r] = ble[2] * sorensen[r]
     heard, length = wifi[1].sum(), math.sqrt((wifi[2] * wifi[2]).sum())
     if heard == 0.0:
         return sorensen.copy(), sorensen

@@ -1,5 +1,6 @@
 """What a phone hears now, in the form that fingerprints have: one level per transmitter."""
 
+import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
@@ -34,6 +35,9 @@ def first_of(known: dict[str, int]) -> KeyChoice:
     """
 
     def choose(keys: tuple[str, ...]) -> str:
+        if len(keys) == 1:
+            # Every access point has one key, and most of the time here would go to the loop.
+            return keys[0]
         for key in keys[:-1]:
             if key in known:
                 return key
@@ -50,8 +54,9 @@ def fresh_wifi_dbm(scan: WifiScan, max_age_s: float, choose: KeyChoice) -> dict[
     levels: dict[str, float] = {}
     for reading in scan.readings:
         if reading.age_s <= max_age_s:
-            key = choose(reading.keys)
-            levels[key] = max(reading.rssi_dbm, levels.get(key, reading.rssi_dbm))
+            key, rssi_dbm = choose(reading.keys), reading.rssi_dbm
+            if rssi_dbm > levels.get(key, -math.inf):
+                levels[key] = rssi_dbm
     return levels
 
 

@@ -22,6 +22,8 @@ class Ground(NamedTuple):
         x and y of the raster's first cell, and the cell's edge, m.
     east
         Cosine and sine of the direction of east on the plan.
+    east_rad
+        That direction.
     ways
         In which directions people walk.
     """
@@ -29,6 +31,7 @@ class Ground(NamedTuple):
     distance_m: FloatArray
     frame: tuple[float, float, float]
     east: tuple[float, float]
+    east_rad: float
     ways: Ways
 
 
@@ -37,10 +40,11 @@ _EVERYWHERE = np.zeros((1, 1))
 
 def ground(walkable: Walkable | None, east: tuple[float, float], known: Ways = NO_WAYS) -> Ground:
     """Return the ground of a floor; None: nobody said where people can walk."""
+    east_rad = math.atan2(east[1], east[0])
     if walkable is None:
-        return Ground(_EVERYWHERE, (0.0, 0.0, 1.0), east, known)
+        return Ground(_EVERYWHERE, (0.0, 0.0, 1.0), east, east_rad, known)
     frame = walkable.x0_m, walkable.y0_m, walkable.cell_m
-    return Ground(walkable.distance_m, frame, east, known)
+    return Ground(walkable.distance_m, frame, east, east_rad, known)
 
 
 @register_jitable
@@ -57,11 +61,13 @@ def off_floor_m(floor: Ground, x_m: float, y_m: float, far_m: float) -> float:
 @register_jitable
 def way_log_weight(floor: Ground, x_m: float, y_m: float, direction_rad: float) -> float:
     """Return what the ways say of a direction at a place; beyond them, nothing."""
-    _, _, (cos, sin), (log_weight, (east_m, north_m, cell_m)) = floor
+    _, _, (cos, sin), east_rad, (log_weight, (east_m, north_m, cell_m)) = floor
     directions, rows, columns = log_weight.shape
     column = math.floor((x_m * cos + y_m * sin - east_m) / cell_m + 0.5)
     row = math.floor((y_m * cos - x_m * sin - north_m) / cell_m + 0.5)
     if not (0 <= row < rows and 0 <= column < columns):
         return 0.0
-    half_turns = (direction_rad - math.atan2(sin, cos)) / math.pi
-    return float(log_weight[int(half_turns % 1.0 * directions) % directions, row, column])
+    half_turns = (direction_rad - east_rad) / math.pi
+    which = int((half_turns - math.floor(half_turns)) * directions)
+    # A direction just short of the half turn may round to all of it.
+    return float(log_weight[which if which < directions else 0, row, column])

@@ -239,25 +239,43 @@ def _walked(
     at: int,
 ) -> Pair:  # pragma: no cover - compiled
     state, log_weight = before[0].copy(), before[1].copy()
-    length_m, heading_rad = stride
-    (bias_walk, scale_walk, length_noise, heading_noise), rules = rule
-    off_floor, leave_floor, far_m, way = rules
-    lost = math.isnan(heading_rad)
+    off_floor, leave_floor, far_m, way = rule[1]
+    length, direction = _steps(state, stride, rule[0], floor[3], at)
+    # Apart from the draws and from what looks at the floor, sines and cosines take half the time.
+    dx_m, dy_m = length * np.cos(direction), length * np.sin(direction)
     for k in range(len(state)):
-        here, one = at + DRAWS * (k + 1), state[k]
+        one = state[k]
         before_m = off_floor_m(floor, one[X], one[Y], far_m)
-        one[BIAS] += bias_walk * normal(here)
-        one[SCALE] += scale_walk * normal(here + 1)
-        length = length_m * one[SCALE] * (1.0 + length_noise * normal(here + 2))
-        direction = heading_rad + one[BIAS] + heading_noise * normal(here + 3)
-        if lost:
-            direction = 2.0 * math.pi * uniform(here + 3) + math.atan2(floor[2][1], floor[2][0])
-        one[X] += length * math.cos(direction)
-        one[Y] += length * math.sin(direction)
+        one[X] += dx_m[k]
+        one[Y] += dy_m[k]
         off_m = off_floor_m(floor, one[X], one[Y], far_m)
         log_weight[k] -= off_floor * off_m + leave_floor * max(off_m - before_m, 0.0)
-        log_weight[k] += way * way_log_weight(floor, one[X], one[Y], direction)
+        log_weight[k] += way * way_log_weight(floor, one[X], one[Y], direction[k])
     return state, log_weight - log_weight.max()
+
+
+@register_jitable
+def _steps(
+    state: FloatArray,
+    stride: tuple[float, float],
+    noise: tuple[float, float, float, float],
+    east_rad: float,
+    at: int,
+) -> Pair:
+    """Let bias and scale wander; return length (m) and direction (rad) of each particle's step."""
+    length_m, heading_rad = stride
+    bias_walk, scale_walk, length_noise, heading_noise = noise
+    lost = math.isnan(heading_rad)
+    length, direction = np.empty(len(state)), np.empty(len(state))
+    for k in range(len(state)):
+        here, one = at + DRAWS * (k + 1), state[k]
+        one[BIAS] += bias_walk * normal(here)
+        one[SCALE] += scale_walk * normal(here + 1)
+        length[k] = length_m * one[SCALE] * (1.0 + length_noise * normal(here + 2))
+        direction[k] = heading_rad + one[BIAS] + heading_noise * normal(here + 3)
+        if lost:
+            direction[k] = 2.0 * math.pi * uniform(here + 3) + east_rad
+    return length, direction
 
 
 @njit(cache=True)

@@ -75,7 +75,7 @@ def detect_steps(
     acc = block.acc_mps2.astype(np.float64)
     fresh = block.time_s - detector.end_s > _GAP_S
     memory = _at_rest(acc[0]) if fresh else detector.memory.copy()
-    yaw = azimuth_rad(block.quat_wxyz) if len(block.quat_wxyz) else np.empty(0)
+    yaw = azimuth_rad(block.quat_wxyz)
     gyro = block.gyro_radps.astype(np.float64) if len(block.gyro_radps) else np.zeros_like(acc)
     found = _detect(
         memory,
@@ -107,8 +107,16 @@ def azimuth_rad(quat_wxyz: npt.NDArray[np.float32]) -> FloatArray:
 
     Second column of the rotation matrix: (2(xy - wz), 1 - 2(x² + z²)) in east and north.
     """
-    w, x, y, z = quat_wxyz.astype(np.float64).T
-    return np.asarray(np.arctan2(1.0 - 2.0 * (x * x + z * z), 2.0 * (x * y - w * z)))
+    return _azimuth(quat_wxyz.astype(np.float64))
+
+
+@njit(cache=True)
+def _azimuth(quat_wxyz: FloatArray) -> FloatArray:  # pragma: no cover - compiled
+    azimuth_rad = np.empty(len(quat_wxyz))
+    for i in range(len(quat_wxyz)):
+        w, x, y, z = quat_wxyz[i]
+        azimuth_rad[i] = math.atan2(1.0 - 2.0 * (x * x + z * z), 2.0 * (x * y - w * z))
+    return azimuth_rad
 
 
 def _at_rest(acc_mps2: FloatArray) -> FloatArray:
