@@ -5,7 +5,6 @@ from statistics import median
 import numpy as np
 
 from app.core.engine.explanation import (
-    BlamedAnchor,
     CandidatePlace,
     Explanation,
     FloorVote,
@@ -56,7 +55,7 @@ def explained(state: SessionState, site: SiteModel, params: Params) -> Explanati
         gate=gate,
         floors=floors,
         motion=motion,
-        faults=tuple(BlamedAnchor(*each) for each in told.evidence.left_out.items()),
+        faults=told.evidence.left_out,
     )
 
 

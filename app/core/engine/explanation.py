@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 from enum import StrEnum
 
-from app.core.lateration.faults import Fault
 from app.core.motion.mode import MotionEvidence
 from app.core.types import Method, MotionMode, Output
 
@@ -91,14 +90,6 @@ class FloorVote:
 
 
 @dataclass(frozen=True, slots=True)
-class BlamedAnchor:
-    """An anchor that is more likely at fault than not; ``fault`` None: how cannot be told yet."""
-
-    anchor_id: str
-    fault: Fault | None
-
-
-@dataclass(frozen=True, slots=True)
 class MotionReason:
     """The motion mode, the evidence that decided it, and all the numbers there are.
 
@@ -141,7 +132,7 @@ class Explanation:
     gate
         None where there was nothing to predict from yet.
     faults
-        The anchors that are held for dead, moved or duplicated, by id.
+        Ids of the anchors that are held for dead, moved or duplicated.
     """
 
     output: Output
@@ -153,4 +144,4 @@ class Explanation:
     gate: Gate | None
     floors: tuple[FloorVote, ...]
     motion: MotionReason
-    faults: tuple[BlamedAnchor, ...] = ()
+    faults: tuple[str, ...] = ()
