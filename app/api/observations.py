@@ -51,7 +51,6 @@ _QUAT_NORM_TOLERANCE = 0.1
 class RecordCode(StrEnum):
     """Stable codes of rejected records; part of the API's contract (docs/api.md lists them)."""
 
-    MALFORMED = "malformed"
     WRONG_TYPE = "wrong_type"
     MISSING_FIELD = "missing_field"
     OUT_OF_RANGE = "out_of_range"
