@@ -3,7 +3,8 @@
 import json
 
 from app.core.georeference import ControlPoint, fit_georeference
-from app.formats.survey_places import SurveyFloor, SurveyFrame
+from app.core.site import Floor
+from app.formats.survey_places import SurveyFrame
 
 LAT, LON = 50.0, 10.0
 GEOREFERENCE = fit_georeference(
@@ -15,8 +16,8 @@ GEOREFERENCE = fit_georeference(
 )
 FRAME = SurveyFrame(
     (
-        SurveyFloor("hall-0", "F1", "A", 0, 0.0, 0.0, 20.0, 10.0),
-        SurveyFloor("hall-1", "F2", "A", 1, 100.0, 0.0, 20.0, 10.0),
+        Floor("hall-0", "F1", "A", 0, 0.0, 0.0, 20.0, 10.0),
+        Floor("hall-1", "F2", "A", 1, 100.0, 0.0, 20.0, 10.0),
     ),
     GEOREFERENCE,
 )

@@ -12,7 +12,7 @@ from rich.table import Table
 
 from app.cli.calibrate_report import print_draft
 from app.cli.evaluate_output import JsonOption
-from app.cli.local import CLOCK, DatabaseOption, local_database
+from app.cli.local import CLOCK, EVERY_ROW, DatabaseOption, SiteFilter, local_database
 from app.cli.tables import minute_of
 from app.services import calibration_drafts as drafts
 from app.services.errors import found
@@ -22,19 +22,15 @@ CalibrationArgument = Annotated[
     str, typer.Argument(metavar="CALIBRATION", help="Id of a calibration.")
 ]
 
-_MOST = 1_000_000
-
 
 def list_calibrations(
-    site: Annotated[
-        str | None, typer.Option("--site", metavar="ID", help="Only those of this site.")
-    ] = None,
+    site: SiteFilter = None,
     database: DatabaseOption = None,
 ) -> None:
     """List calibrations of levels and of places, drafts and applied ones."""
     with local_database(database) as store:
         stored = store.read_now(
-            lambda c: calibrations.list_calibrations(c, site_id=site, after=None, limit=_MOST)
+            lambda c: calibrations.list_calibrations(c, site_id=site, after=None, limit=EVERY_ROW)
         )
     table = Table()
     table.add_column("id", no_wrap=True)

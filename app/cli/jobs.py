@@ -7,15 +7,13 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from app.cli.local import DatabaseOption, local_database
+from app.cli.local import DatabaseOption, SiteFilter, local_database
 from app.cli.tables import minute_of
 from app.storage.jobs import JobsAsked, StoredJob, list_jobs
 
 
 def jobs(
-    site: Annotated[
-        str | None, typer.Option("--site", metavar="ID", help="Only those of this site.")
-    ] = None,
+    site: SiteFilter = None,
     kind: Annotated[
         str | None, typer.Option(metavar="KIND", help="As the list tells it: survey import, say.")
     ] = None,

@@ -27,6 +27,13 @@ DatabaseOption = Annotated[
     ),
 ]
 
+SiteFilter = Annotated[
+    str | None, typer.Option("--site", metavar="ID", help="Only those of this site.")
+]
+
+EVERY_ROW = 1_000_000
+"""Rows that a list shows at most: a terminal has no pages, and no site has so many of anything."""
+
 
 def settings_with(
     *, host: str | None = None, port: int | None = None, database_url: str | None = None

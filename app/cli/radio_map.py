@@ -13,7 +13,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from app.cli.errors import CommandError
-from app.cli.local import CLOCK, DatabaseOption, local_database
+from app.cli.local import CLOCK, EVERY_ROW, DatabaseOption, SiteFilter, local_database
 from app.cli.tables import minute_of
 from app.core.fingerprint.comparison import Comparison
 from app.services import radio_maps as service
@@ -34,20 +34,17 @@ radio_map_commands = typer.Typer(
 MapArgument = Annotated[str, typer.Argument(metavar="MAP", help="Id of a radio map.")]
 SiteOption = Annotated[str, typer.Option("--site", metavar="ID", help="Id of the site.")]
 
-_MOST = 1_000_000
 _SHOWN = 10
 
 
 @radio_map_commands.command("list")
 def list_maps(
-    site: Annotated[
-        str | None, typer.Option("--site", metavar="ID", help="Only those of this site.")
-    ] = None,
+    site: SiteFilter = None,
     database: DatabaseOption = None,
 ) -> None:
     """List radio maps; the active one of each site has a star."""
     with local_database(database) as store:
-        stored = store.read_now(lambda c: list_radio_maps(c, site_id=site, limit=_MOST))
+        stored = store.read_now(lambda c: list_radio_maps(c, site_id=site, limit=EVERY_ROW))
     table = Table()
     # Other commands ask for the id: it is never cut off.
     table.add_column("id", no_wrap=True)

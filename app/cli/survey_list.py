@@ -1,28 +1,21 @@
 """``pharos survey list``: the surveys of this machine's database."""
 
-from typing import Annotated
-
-import typer
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from app.cli.local import DatabaseOption, local_database
+from app.cli.local import EVERY_ROW, DatabaseOption, SiteFilter, local_database
 from app.cli.tables import minute_of
 from app.storage import surveys
 
-_MOST = 1_000_000
-
 
 def list_surveys(
-    site: Annotated[
-        str | None, typer.Option("--site", metavar="ID", help="Only those of this site.")
-    ] = None,
+    site: SiteFilter = None,
     database: DatabaseOption = None,
 ) -> None:
     """List surveys, the newest first."""
     with local_database(database) as store:
-        stored = store.read_now(lambda c: surveys.list_surveys(c, site_id=site, limit=_MOST))
+        stored = store.read_now(lambda c: surveys.list_surveys(c, site_id=site, limit=EVERY_ROW))
     table = Table()
     table.add_column("id", no_wrap=True)
     for heading in ("site", "name", "format", "floors", "walks", "fingerprints", "created"):

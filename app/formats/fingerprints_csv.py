@@ -13,6 +13,7 @@ import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 
+from app.core.survey import SurveyPoint
 from app.formats.separated_values import decimal_text, separator_of
 from app.formats.transmitters import canonical_key
 
@@ -26,19 +27,6 @@ class FingerprintTableError(ValueError):
     """The text is not a table of fingerprints; the message names the line."""
 
 
-@dataclass(frozen=True, slots=True)
-class SurveyedPoint:
-    """One point of the table, with the mean level per transmitter key."""
-
-    point: str
-    floor_id: str
-    x_m: float
-    y_m: float
-    wifi_dbm: dict[str, float]
-    ble_dbm: dict[str, float]
-    walk: str = ""
-
-
 @dataclass(slots=True)
 class _Levels:
     place: tuple[str, float, float, str]
@@ -47,7 +35,7 @@ class _Levels:
     )
 
 
-def read_fingerprints_csv(text: str) -> list[SurveyedPoint]:
+def read_fingerprints_csv(text: str) -> list[SurveyPoint]:
     """Return the points of a table in the order of their first rows.
 
     Raises
@@ -119,11 +107,11 @@ def _number(cells: Mapping[str, str], name: str, separator: str) -> float:
     return number
 
 
-def _surveyed(points: Mapping[str, _Levels]) -> Iterator[SurveyedPoint]:
+def _surveyed(points: Mapping[str, _Levels]) -> Iterator[SurveyPoint]:
     for name, levels in points.items():
         floor_id, x_m, y_m, walk = levels.place
         wifi_dbm, ble_dbm = (
             {key: sum(all_dbm) / len(all_dbm) for key, all_dbm in of_kind.items()}
             for of_kind in (levels.of_kind["wifi"], levels.of_kind["ble"])
         )
-        yield SurveyedPoint(name, floor_id, x_m, y_m, wifi_dbm, ble_dbm, walk)
+        yield SurveyPoint(name, floor_id, x_m, y_m, wifi_dbm, ble_dbm, walk)

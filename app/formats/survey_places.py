@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from app.core.georeference import Georeference
+from app.core.site import Floor
 
 MARGIN_M = 10.0
 """A place this far outside its floor's plan is a wrong floor or frame, not an untidy plan."""
@@ -70,31 +71,17 @@ class Unusable:
 
 
 @dataclass(frozen=True, slots=True)
-class SurveyFloor:
-    """A floor as records may name it, and its plan's frame."""
-
-    floor_id: str
-    name: str
-    building: str
-    ordinal: int
-    x0_m: float
-    y0_m: float
-    width_m: float
-    height_m: float
-
-
-@dataclass(frozen=True, slots=True)
 class SurveyFrame:
     """The site that a survey belongs to.
 
     ``chosen_floor_id`` is the floor of all of it, whatever it says itself.
     """
 
-    floors: tuple[SurveyFloor, ...]
+    floors: tuple[Floor, ...]
     georeference: Georeference | None = None
     chosen_floor_id: str | None = None
 
-    def floor(self, name: str, building: str = "") -> SurveyFloor:
+    def floor(self, name: str, building: str = "") -> Floor:
         """Return the floor of an id, name or level number; the building decides between several."""
         if self.chosen_floor_id is not None:
             return self._by_id(self.chosen_floor_id)
@@ -109,7 +96,7 @@ class SurveyFrame:
             raise UnusableError(Reason.UNKNOWN_FLOOR, f"{name!r} is not one of: {known}")
         return named[0]
 
-    def place(self, floor: SurveyFloor, x_m: float, y_m: float) -> tuple[float, float]:
+    def place(self, floor: Floor, x_m: float, y_m: float) -> tuple[float, float]:
         """Return a place of the site frame, which has to be on the floor's plan or near it."""
         inside_x = -MARGIN_M <= x_m - floor.x0_m <= floor.width_m + MARGIN_M
         inside_y = -MARGIN_M <= y_m - floor.y0_m <= floor.height_m + MARGIN_M
@@ -117,13 +104,11 @@ class SurveyFrame:
             raise UnusableError(Reason.OUTSIDE_PLAN, f"({x_m:.6g}, {y_m:.6g}) m")
         return x_m, y_m
 
-    def plan_place(self, floor: SurveyFloor, x_m: float, y_m: float) -> tuple[float, float]:
+    def plan_place(self, floor: Floor, x_m: float, y_m: float) -> tuple[float, float]:
         """Return a place in the frame of the floor's own plan (origin at its lower left corner)."""
         return self.place(floor, x_m + floor.x0_m, y_m + floor.y0_m)
 
-    def globe_place(
-        self, floor: SurveyFloor, lat_deg: float, lon_deg: float
-    ) -> tuple[float, float]:
+    def globe_place(self, floor: Floor, lat_deg: float, lon_deg: float) -> tuple[float, float]:
         """Return a place given by latitude and longitude."""
         if self.georeference is None:
             raise UnusableError(Reason.NO_GEOREFERENCE)
@@ -131,7 +116,7 @@ class SurveyFrame:
             raise UnusableError(Reason.NOT_ON_GLOBE, f"{lat_deg:.6g}, {lon_deg:.6g}")
         return self.place(floor, *self.georeference.from_wgs84(lat_deg, lon_deg))
 
-    def mercator_place(self, floor: SurveyFloor, x_m: float, y_m: float) -> tuple[float, float]:
+    def mercator_place(self, floor: Floor, x_m: float, y_m: float) -> tuple[float, float]:
         """Return a place given in metres of the web's Mercator projection (EPSG:3857).
 
         ``lon = x / R``, ``lat = 2 atan(exp(y / R)) - pi / 2``.
@@ -142,11 +127,11 @@ class SurveyFrame:
         lat_rad = 2.0 * math.atan(math.exp(y_m / _MERCATOR_RADIUS_M)) - math.pi / 2.0
         return self.globe_place(floor, math.degrees(lat_rad), lon_deg)
 
-    def _by_id(self, floor_id: str) -> SurveyFloor:
+    def _by_id(self, floor_id: str) -> Floor:
         return next(floor for floor in self.floors if floor.floor_id == floor_id)
 
 
-def _names(floor: SurveyFloor) -> tuple[str, ...]:
+def _names(floor: Floor) -> tuple[str, ...]:
     return floor.floor_id.casefold(), floor.name.casefold(), str(floor.ordinal)
 
 

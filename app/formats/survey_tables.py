@@ -5,12 +5,12 @@ import io
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 
+from app.core.site import Floor
 from app.core.survey import Surveyed, SurveyPoint
 from app.formats.fingerprints_csv import NEEDED, OPTIONAL
 from app.formats.separated_values import DECIMAL_COMMA_SEPARATOR, separator_of
 from app.formats.survey_places import (
     Reason,
-    SurveyFloor,
     SurveyFrame,
     Unusable,
     UnusableError,
@@ -33,7 +33,7 @@ class GatheredPoint:
     """A point whose rows are still coming in; several levels of a transmitter are averaged."""
 
     point: str
-    floor: SurveyFloor
+    floor: Floor
     x_m: float
     y_m: float
     walk: str = ""

@@ -5,14 +5,14 @@ from collections.abc import Callable, Sequence
 from sqlalchemy import Connection
 
 from app.core.fingerprint.radio_map import Fingerprint, build_radio_map
-from app.formats.fingerprints_csv import SurveyedPoint
+from app.core.survey import SurveyPoint
 from app.services.errors import AppError, ErrorCode, found
 from app.storage import floors, radio_maps, sites
 from app.storage.radio_maps import RadioMapOrigin, StoredRadioMap
 
 
 def storing_fingerprints(
-    site_id: str, points: Sequence[SurveyedPoint], origin: RadioMapOrigin
+    site_id: str, points: Sequence[SurveyPoint], origin: RadioMapOrigin
 ) -> Callable[[Connection], StoredRadioMap]:
     """Return the one transaction that stores a table as the site's active radio map.
 
@@ -34,5 +34,5 @@ def storing_fingerprints(
     return statement
 
 
-def _fingerprint(floor_index: int, point: SurveyedPoint) -> Fingerprint:
+def _fingerprint(floor_index: int, point: SurveyPoint) -> Fingerprint:
     return Fingerprint(floor_index, point.x_m, point.y_m, point.wifi_dbm, point.ble_dbm, point.walk)

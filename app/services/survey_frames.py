@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 from sqlalchemy import Connection
 
-from app.formats.survey_places import SurveyFloor, SurveyFrame
+from app.core.site import Floor
+from app.formats.survey_places import SurveyFrame
 from app.services.errors import found, invalid_field
 from app.services.site import stored_georeference
 from app.storage import floors, sites
@@ -32,7 +33,7 @@ def survey_frame(connection: Connection, request: UploadRequest) -> SurveyFrame:
     """Return the site's frame as records are read in it."""
     site = found(sites.get_site(connection, request.site_id), "site", request.site_id)
     known = tuple(
-        SurveyFloor(
+        Floor(
             floor_id=floor.floor_id,
             name=floor.name,
             building=floor.building,

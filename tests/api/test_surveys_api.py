@@ -12,8 +12,9 @@ from live_server import LiveServer, listening
 from survey_files import ms2020_trace
 
 from app.api.multipart import file_part
+from app.core.site import Floor
 from app.core.survey import SurveyWalk
-from app.formats.survey_places import SurveyFloor, SurveyFrame
+from app.formats.survey_places import SurveyFrame
 from app.services.errors import AppError
 from app.services.survey_parsing import Parsed, ParseTask, Refused, Rows, parse_upload
 from app.storage.surveys import records_of_survey
@@ -24,7 +25,7 @@ HEADER = "point,floor_id,x,y,kind,key,rssi_dbm\n"
 CSV = HEADER + "".join(
     f"P{i},lab-0,{i},5,wifi,mac:aabbccddee{j:02x},-{50 + j}\n" for i in range(10) for j in range(3)
 )
-LAB = SurveyFrame((SurveyFloor("lab-0", "Ground", "", 0, 0.0, 0.0, 20.0, 10.0),))
+LAB = SurveyFrame((Floor("lab-0", "Ground", "", 0, 0.0, 0.0, 20.0, 10.0),))
 
 
 async def ended(server: ApiServer, job_id: str) -> dict:

@@ -7,12 +7,13 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+from app.core.site import Floor
 from app.core.survey import SurveyPoint
 from app.formats.beacons_csv import read_beacons_csv, write_beacons_csv
 from app.formats.fingerprints_csv import FingerprintTableError, read_fingerprints_csv
 from app.formats.labelled_levels_csv import read_levels_csv
 from app.formats.separated_values import cell_text, decimal_text, separator_of, text_cell
-from app.formats.survey_places import SurveyFloor, SurveyFrame
+from app.formats.survey_places import SurveyFrame
 from app.formats.survey_tables import read_long_csv, read_wide_csv
 from app.formats.survey_uploads import SurveyFormat, format_of
 
@@ -20,7 +21,7 @@ BEACONS = "beacon_id,kind,floor_id,x,y,keys\nb1,ble,F,1.5,-2.25,mac:a4c138000001
 LEVELS = "point,floor_id,x,y,kind,key,rssi_dbm\nP,F,1.5,2.25,wifi,mac:a4c138000001,-50.5\n"
 LABELLED = "x,y,rssi_dbm,beacon_id\n1.5,2.25,-50.5,b1\n"
 WIDE = "WAP001,WAP002,FLOOR,X,Y\n-50.5,100,F,1.5,2.25\n"
-FRAME = SurveyFrame((SurveyFloor("F", "Ground", "", 0, 0.0, 0.0, 20.0, 10.0),))
+FRAME = SurveyFrame((Floor("F", "Ground", "", 0, 0.0, 0.0, 20.0, 10.0),))
 
 OTHERWISE = [
     pytest.param(lambda table: table, id="commas"),

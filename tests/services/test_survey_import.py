@@ -7,7 +7,8 @@ from typing import TypeAlias, TypeVar
 import pytest
 from sqlalchemy import Connection
 
-from app.formats.survey_places import SurveyFloor, SurveyFrame
+from app.core.site import Floor
+from app.formats.survey_places import SurveyFrame
 from app.services.jobs import JobBoard
 from app.services.survey_import import SurveyImporter
 from app.services.survey_parsing import ParseTask
@@ -22,7 +23,7 @@ Found: TypeAlias = tuple[int, list[str]]
 """How many complete surveys there are, and the states of the jobs."""
 
 TABLE = "point,floor_id,x,y,kind,key,rssi_dbm\nP1,hall-0,1,5,wifi,mac:02005e005301,-50\n"
-FLOOR = SurveyFloor("hall-0", "Ground", "", 0, 0.0, 0.0, 20.0, 10.0)
+FLOOR = Floor("hall-0", "Ground", "", 0, 0.0, 0.0, 20.0, 10.0)
 
 
 class StandingClock:

@@ -26,6 +26,7 @@ from app.core.fingerprint.growth import is_surveyed
 from app.core.fingerprint.leaving_out import (
     left_out_matches,
     single_fix,
+    walk_numbers,
 )
 from app.core.fingerprint.matching import Matches
 from app.core.fingerprint.query import Query
@@ -113,8 +114,7 @@ def hearings(
 def learned_weights(radio_map: RadioMap, matching: MatchParams) -> Weights:
     """Return what scans say, learned of the survey alone; it changes with the map only."""
     surveyed = radio_map.of_rows(is_surveyed(radio_map))
-    names = {walk: i for i, walk in enumerate(dict.fromkeys(surveyed.survey_walks))}
-    walk = np.array([names[name] for name in surveyed.survey_walks], dtype=np.int64)
+    walk = walk_numbers(surveyed)
     columns = len(surveyed.transmitters)
     as_mapped, elsewhere = (np.zeros(_PRESENCES * _DEVIATIONS + len(_APART_M) + 1) for _ in "01")
     silent, expected = (np.zeros(_PRESENCES * _EXPECTATIONS) for _ in "01")

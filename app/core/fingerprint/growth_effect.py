@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from app.core.fingerprint.growth import is_surveyed
+from app.core.fingerprint.leaving_out import query_of, walk_numbers
 from app.core.fingerprint.matching import likeness, match
-from app.core.fingerprint.query import Query
-from app.core.fingerprint.radio_map import WIFI, RadioMap
+from app.core.fingerprint.radio_map import RadioMap
 from app.core.fingerprint.virtual import is_virtual
 from app.core.params import MatchParams
 from app.core.types import FloatArray, IntArray
@@ -51,8 +51,7 @@ def growth_effect(before: RadioMap, after: RadioMap, params: MatchParams) -> Gro
 def left_out_errors_m(radio_map: RadioMap, params: MatchParams) -> FloatArray:
     """Return the error of each surveyed row, in their order; nan where no other walk knows it."""
     heard = radio_map.of_rows(~is_virtual(radio_map))
-    names = {name: i for i, name in enumerate(dict.fromkeys(heard.survey_walks))}
-    walk = np.array([names[name] for name in heard.survey_walks], dtype=np.int64)
+    walk = walk_numbers(heard)
     surveyed = np.flatnonzero(is_surveyed(heard))
     longest = int(np.bincount(walk[surveyed]).max()) if len(surveyed) else 0
     # As many candidates more as a walk's own rows can take away.
@@ -63,7 +62,7 @@ def left_out_errors_m(radio_map: RadioMap, params: MatchParams) -> FloatArray:
 def _error_m(
     radio_map: RadioMap, row: int, walk: IntArray, wider: MatchParams, params: MatchParams
 ) -> float:
-    matches = match(_query_of(radio_map, row), radio_map, wider)
+    matches = match(query_of(radio_map, row), radio_map, wider)
     if matches is None:
         return np.nan
     others = np.flatnonzero(walk[matches.row] != walk[row])[: params.k]
@@ -76,12 +75,3 @@ def _error_m(
     apart_x_m = weight @ matches.x_m[others] - radio_map.x_m[row]
     apart_y_m = weight @ matches.y_m[others] - radio_map.y_m[row]
     return float(np.hypot(apart_x_m, apart_y_m))
-
-
-def _query_of(radio_map: RadioMap, row: int) -> Query:
-    query = Query({}, {})
-    for entry in range(radio_map.row_start[row], radio_map.row_start[row + 1]):
-        column = radio_map.column[entry]
-        levels = query.wifi_dbm if radio_map.radio[column] == WIFI else query.ble_dbm
-        levels[radio_map.transmitters[column]] = float(radio_map.rssi_dbm[entry])
-    return query

@@ -9,7 +9,7 @@ from app.core.fingerprint.matching import Matches, likeness, match, match_index
 from app.core.fingerprint.query import Query
 from app.core.fingerprint.radio_map import WIFI, Fingerprint, RadioMap
 from app.core.params import MatchParams
-from app.core.types import BoolArray, FloatArray
+from app.core.types import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,6 +71,12 @@ def fingerprints_of(radio_map: RadioMap) -> Iterator[Fingerprint]:
         )
 
 
+def walk_numbers(radio_map: RadioMap) -> IntArray:
+    """Return the number of each row's survey walk (rows,), in the order of their first rows."""
+    names = {name: i for i, name in enumerate(dict.fromkeys(radio_map.survey_walks))}
+    return np.array([names[name] for name in radio_map.survey_walks], dtype=np.int64)
+
+
 def left_out_matches(
     radio_map: RadioMap, params: MatchParams
 ) -> Iterator[tuple[Query, Matches | None]]:
@@ -81,14 +87,13 @@ def left_out_matches(
     where the matcher divides weight among the rows of one place. None where no other walk
     heard any of it. Take virtual rows out of ``radio_map`` first: they are made of all walks.
     """
-    names = {walk: i for i, walk in enumerate(dict.fromkeys(radio_map.survey_walks))}
-    walk = np.array([names[name] for name in radio_map.survey_walks], dtype=np.int64)
+    walk = walk_numbers(radio_map)
     longest = int(np.bincount(walk).max()) if len(walk) else 0
     wider = replace(params, k=params.k + longest)
+    crowd = match_index(radio_map, wider).crowd
     for row in range(radio_map.rows):
         query = query_of(radio_map, row)
         matches = match(query, radio_map, wider)
-        crowd = match_index(radio_map, wider).crowd
         own = walk == walk[row]
         yield query, None if matches is None else _of_others(matches, (own, crowd), params)
 

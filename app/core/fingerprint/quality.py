@@ -22,7 +22,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from scipy.optimize import nnls
 
-from app.core.fingerprint.leaving_out import left_out_matches, single_fix
+from app.core.fingerprint.leaving_out import left_out_matches, single_fix, walk_numbers
 from app.core.fingerprint.radio_map import RadioMap
 from app.core.fingerprint.virtual import is_virtual
 from app.core.params import MatchParams
@@ -101,7 +101,6 @@ class LeftOut:
 def left_out_fixes(radio_map: RadioMap, params: MatchParams) -> LeftOut:
     """Return each surveyed scan with what the rest of the map says of it."""
     surveyed = radio_map.of_rows(~is_virtual(radio_map))
-    names = {walk: i for i, walk in enumerate(dict.fromkeys(surveyed.survey_walks))}
     fixes = np.full((surveyed.rows, 4), np.nan)
     for row, (_, matches) in enumerate(left_out_matches(surveyed, params)):
         if matches is not None:
@@ -111,13 +110,13 @@ def left_out_fixes(radio_map: RadioMap, params: MatchParams) -> LeftOut:
         floor_index=surveyed.floor_index,
         x_m=surveyed.x_m,
         y_m=surveyed.y_m,
-        walk=np.array([names[walk] for walk in surveyed.survey_walks], dtype=np.int64),
+        walk=walk_numbers(surveyed),
         fix_floor_index=np.where(np.isnan(fixes[:, 0]), -1, fixes[:, 0]).astype(np.int64),
         fix_x_m=fixes[:, 1],
         fix_y_m=fixes[:, 2],
         spread_m=fixes[:, 3],
         transmitters=np.diff(surveyed.row_start),
-        walks=tuple(names),
+        walks=tuple(dict.fromkeys(surveyed.survey_walks)),
     )
 
 
