@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from postgres_server import running_postgres
 from server_process import ServerProcess
-from sqlalchemy import create_engine, text
+from sqlalchemy import create_engine, make_url, text
 
 from app.storage import migrate
 
@@ -67,8 +67,11 @@ def new_postgres_url() -> Iterator[Callable[[str | None], str]]:
 
 @pytest.fixture(scope="session")
 def _postgres_template(new_postgres_url: Callable[[str | None], str]) -> str:
-    migrate.upgrade(new_postgres_url(None))
-    return "test_0"
+    url = new_postgres_url(None)
+    migrate.upgrade(url)
+    name = make_url(url).database
+    assert name is not None
+    return name
 
 
 @pytest.fixture

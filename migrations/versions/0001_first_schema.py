@@ -31,11 +31,20 @@ TABLES = (
 
 
 def upgrade() -> None:
-    _create_places()
-    _create_phones()
+    _create_sites()
+    _create_floors()
+    _create_beacons()
+    _create_beacon_keys()
+    _create_devices()
+    _create_tokens()
     _create_surveys()
-    _create_log()
-    _create_tracks()
+    _create_reference_points()
+    _create_survey_scans()
+    _create_radio_maps()
+    _create_sessions()
+    _create_observation_batches()
+    _create_snapshots()
+    _create_track_points()
 
 
 def downgrade() -> None:
@@ -43,7 +52,7 @@ def downgrade() -> None:
         op.drop_table(table)
 
 
-def _create_places() -> None:
+def _create_sites() -> None:
     op.create_table(
         "sites",
         sa.Column("id", sa.String(), nullable=False),
@@ -56,6 +65,9 @@ def _create_places() -> None:
         sa.Column("row_version", sa.Integer(), server_default="1", nullable=False),
         sa.PrimaryKeyConstraint("id", name=op.f("pk_sites")),
     )
+
+
+def _create_floors() -> None:
     op.create_table(
         "floors",
         sa.Column("id", sa.String(), nullable=False),
@@ -82,6 +94,9 @@ def _create_places() -> None:
             "site_id", "building", "name", name=op.f("uq_floors_site_id_building_name")
         ),
     )
+
+
+def _create_beacons() -> None:
     op.create_table(
         "beacons",
         sa.Column("id", sa.String(), nullable=False),
@@ -111,6 +126,9 @@ def _create_places() -> None:
     )
     op.create_index(op.f("ix_beacons_floor_id"), "beacons", ["floor_id"])
     op.create_index(op.f("ix_beacons_site_id"), "beacons", ["site_id"])
+
+
+def _create_beacon_keys() -> None:
     op.create_table(
         "beacon_keys",
         sa.Column("site_id", sa.String(), nullable=False),
@@ -131,7 +149,7 @@ def _create_places() -> None:
     op.create_index(op.f("ix_beacon_keys_beacon_id"), "beacon_keys", ["beacon_id"])
 
 
-def _create_phones() -> None:
+def _create_devices() -> None:
     op.create_table(
         "devices",
         sa.Column("id", sa.String(), nullable=False),
@@ -151,6 +169,9 @@ def _create_phones() -> None:
         sa.PrimaryKeyConstraint("id", name=op.f("pk_devices")),
     )
     op.create_index(op.f("ix_devices_site_id"), "devices", ["site_id"])
+
+
+def _create_tokens() -> None:
     op.create_table(
         "tokens",
         sa.Column("id", sa.String(), nullable=False),
@@ -193,6 +214,9 @@ def _create_surveys() -> None:
         sa.PrimaryKeyConstraint("id", name=op.f("pk_surveys")),
     )
     op.create_index(op.f("ix_surveys_site_id"), "surveys", ["site_id"])
+
+
+def _create_reference_points() -> None:
     op.create_table(
         "reference_points",
         sa.Column("id", ROW_ID, nullable=False),
@@ -219,6 +243,9 @@ def _create_surveys() -> None:
     )
     op.create_index(op.f("ix_reference_points_floor_id"), "reference_points", ["floor_id"])
     op.create_index(op.f("ix_reference_points_survey_id"), "reference_points", ["survey_id"])
+
+
+def _create_survey_scans() -> None:
     op.create_table(
         "survey_scans",
         sa.Column("id", ROW_ID, nullable=False),
@@ -236,6 +263,9 @@ def _create_surveys() -> None:
     op.create_index(
         op.f("ix_survey_scans_reference_point_id"), "survey_scans", ["reference_point_id"]
     )
+
+
+def _create_radio_maps() -> None:
     op.create_table(
         "radio_maps",
         sa.Column("id", sa.String(), nullable=False),
@@ -264,7 +294,7 @@ def _create_surveys() -> None:
     )
 
 
-def _create_log() -> None:
+def _create_sessions() -> None:
     op.create_table(
         "sessions",
         sa.Column("id", sa.String(), nullable=False),
@@ -291,6 +321,9 @@ def _create_log() -> None:
         sa.UniqueConstraint("device_id", "session", name=op.f("uq_sessions_device_id_session")),
     )
     op.create_index(op.f("ix_sessions_site_id"), "sessions", ["site_id"])
+
+
+def _create_observation_batches() -> None:
     op.create_table(
         "observation_batches",
         sa.Column("id", ROW_ID, nullable=False),
@@ -319,6 +352,9 @@ def _create_log() -> None:
     op.create_index(
         "ix_observation_batches_session_id_last_s", "observation_batches", ["session_id", "last_s"]
     )
+
+
+def _create_snapshots() -> None:
     op.create_table(
         "snapshots",
         sa.Column("session_id", sa.String(), nullable=False),
@@ -333,7 +369,7 @@ def _create_log() -> None:
     )
 
 
-def _create_tracks() -> None:
+def _create_track_points() -> None:
     op.create_table(
         "track_points",
         sa.Column("session_id", sa.String(), nullable=False),
