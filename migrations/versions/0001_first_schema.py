@@ -34,16 +34,13 @@ def upgrade() -> None:
     _create_sites()
     _create_floors()
     _create_beacons()
-    _create_beacon_keys()
     _create_devices()
-    _create_tokens()
     _create_surveys()
     _create_reference_points()
     _create_survey_scans()
     _create_radio_maps()
     _create_sessions()
     _create_observation_batches()
-    _create_snapshots()
     _create_track_points()
 
 
@@ -126,9 +123,6 @@ def _create_beacons() -> None:
     )
     op.create_index(op.f("ix_beacons_floor_id"), "beacons", ["floor_id"])
     op.create_index(op.f("ix_beacons_site_id"), "beacons", ["site_id"])
-
-
-def _create_beacon_keys() -> None:
     op.create_table(
         "beacon_keys",
         sa.Column("site_id", sa.String(), nullable=False),
@@ -169,9 +163,6 @@ def _create_devices() -> None:
         sa.PrimaryKeyConstraint("id", name=op.f("pk_devices")),
     )
     op.create_index(op.f("ix_devices_site_id"), "devices", ["site_id"])
-
-
-def _create_tokens() -> None:
     op.create_table(
         "tokens",
         sa.Column("id", sa.String(), nullable=False),
@@ -352,9 +343,6 @@ def _create_observation_batches() -> None:
     op.create_index(
         "ix_observation_batches_session_id_last_s", "observation_batches", ["session_id", "last_s"]
     )
-
-
-def _create_snapshots() -> None:
     op.create_table(
         "snapshots",
         sa.Column("session_id", sa.String(), nullable=False),

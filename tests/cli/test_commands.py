@@ -3,15 +3,12 @@
 import json
 import re
 import socket
-import sys
-from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from command_line import Pharos, Result
 from server_process import ServerProcess
 
-from app.cli.main import main
 from app.core.engine import PROFILES
 from app.services.tokens import hash_token
 from app.storage.beacons import beacons_of_site
@@ -20,37 +17,6 @@ from app.storage.floors import StoredFloor, insert_floor
 from app.storage.radio_maps import load_active
 from app.storage.sites import StoredSite, get_site, insert_site
 from app.storage.tokens import StoredToken, find_token
-
-
-@dataclass(frozen=True)
-class Result:
-    code: int
-    out: str
-    err: str
-
-
-Pharos = Callable[..., Result]
-
-
-@pytest.fixture
-def pharos(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], database_url: str
-) -> Pharos:
-    """Return a function that runs ``pharos`` with arguments on a fresh database."""
-    monkeypatch.setenv("PHAROS_DATABASE_URL", database_url)
-    monkeypatch.setenv("COLUMNS", "200")
-
-    def run(*arguments: str | Path) -> Result:
-        monkeypatch.setattr(sys, "argv", ["pharos", *map(str, arguments)])
-        code = 0
-        try:
-            main()
-        except SystemExit as exited:
-            code = exited.code if isinstance(exited.code, int) else int(exited.code is not None)
-        out, err = capsys.readouterr()
-        return Result(code, out, err)
-
-    return run
 
 
 @pytest.fixture

@@ -4,15 +4,13 @@ import io
 import json
 import re
 import shlex
-import sys
 import zipfile
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import Pharos
 
-from app.cli.main import main
 from app.core.fingerprint.radio_map import Fingerprint, build_radio_map
 from app.core.survey import SurveyPoint
 from app.storage.database import Database
@@ -30,33 +28,10 @@ from app.storage.surveys import (
 DOCS = Path(__file__).parents[2] / "docs"
 KEYS = [f"mac:00000000000{i}" for i in range(4)]
 
-Pharos = Callable[..., tuple[int, str, str]]
-
 
 def blocks(page: str, language: str) -> list[str]:
     text = (DOCS / page).read_text(encoding="utf-8")
     return re.findall(rf"```{language}\n(.*?)```", text, re.DOTALL)
-
-
-@pytest.fixture
-def pharos(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], database_url: str
-) -> Pharos:
-    """Return a function that runs ``pharos`` and returns exit code, stdout and stderr."""
-    monkeypatch.setenv("PHAROS_DATABASE_URL", database_url)
-    monkeypatch.setenv("COLUMNS", "200")
-
-    def run(*arguments: str) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["pharos", *arguments])
-        code = 0
-        try:
-            main()
-        except SystemExit as exited:
-            code = exited.code if isinstance(exited.code, int) else int(exited.code is not None)
-        out, err = capsys.readouterr()
-        return code, out, err
-
-    return run
 
 
 def levels(x_m: float) -> dict[str, float]:

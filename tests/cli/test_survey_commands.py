@@ -1,39 +1,20 @@
 """``pharos survey list``, ``survey upload`` and ``jobs``: what an admin is told of surveys."""
 
 import socket
-import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from command_line import Pharos
 
-from app.cli.main import main
 from app.storage.database import Database
 from app.storage.jobs import StoredJob, insert_job
 from app.storage.sites import StoredSite, insert_site
 from app.storage.surveys import Holding, StoredSurvey, begin_survey, complete_survey
 
-Pharos = Callable[..., tuple[int, str, str]]
 
-
-@pytest.fixture
-def pharos(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], database_url: str
-) -> Pharos:
-    """Return a function that runs ``pharos`` on a terminal of 80 columns."""
-    monkeypatch.setenv("PHAROS_DATABASE_URL", database_url)
+@pytest.fixture(autouse=True)
+def _eighty_columns(pharos: Pharos, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", "80")
-
-    def run(*arguments: str) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["pharos", *arguments])
-        code = 0
-        try:
-            main()
-        except SystemExit as exited:
-            code = exited.code if isinstance(exited.code, int) else 1
-        return (code, *capsys.readouterr())
-
-    return run
 
 
 @pytest.fixture
