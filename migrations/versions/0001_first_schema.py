@@ -33,14 +33,14 @@ TABLES = (
 def upgrade() -> None:
     _create_sites()
     _create_floors()
-    _create_beacons()
-    _create_devices()
+    _create_beacons_and_keys()
+    _create_devices_and_tokens()
     _create_surveys()
     _create_reference_points()
     _create_survey_scans()
     _create_radio_maps()
     _create_sessions()
-    _create_observation_batches()
+    _create_batches_and_snapshots()
     _create_track_points()
 
 
@@ -93,7 +93,7 @@ def _create_floors() -> None:
     )
 
 
-def _create_beacons() -> None:
+def _create_beacons_and_keys() -> None:
     op.create_table(
         "beacons",
         sa.Column("id", sa.String(), nullable=False),
@@ -143,7 +143,7 @@ def _create_beacons() -> None:
     op.create_index(op.f("ix_beacon_keys_beacon_id"), "beacon_keys", ["beacon_id"])
 
 
-def _create_devices() -> None:
+def _create_devices_and_tokens() -> None:
     op.create_table(
         "devices",
         sa.Column("id", sa.String(), nullable=False),
@@ -314,7 +314,7 @@ def _create_sessions() -> None:
     op.create_index(op.f("ix_sessions_site_id"), "sessions", ["site_id"])
 
 
-def _create_observation_batches() -> None:
+def _create_batches_and_snapshots() -> None:
     op.create_table(
         "observation_batches",
         sa.Column("id", ROW_ID, nullable=False),
