@@ -175,7 +175,7 @@ class _Listener:
     def _snapshot(self, topic: Topic, wanted: StreamFilter) -> list[Any]:
         if topic is Topic.JOBS:
             live = self._context.jobs.live
-            return [_content(job) for job in live if wanted.covers(job.site_id, None)]
+            return [self._content(job) for job in live if wanted.covers(job.site_id, None)]
         if topic is not Topic.FIXES:
             return []
         site_ids = [wanted.site_id] if wanted.site_id else self._context.directory.site_ids()
@@ -209,10 +209,16 @@ class _Listener:
     def _event_frames(self, name: str, frames: Frames) -> Iterator[dict[str, Any]]:
         for event in frames.events:
             eid = str(event.event_id)
-            yield {"op": "event", "id": name, "eid": eid, "data": [_content(event.content)]}
+            yield {"op": "event", "id": name, "eid": eid, "data": [self._content(event.content)]}
         if frames.outputs:
             reports = [self._report(o.device_id, o.site_id, o.output) for o in frames.outputs]
             yield {"op": "event", "id": name, "data": reports}
+
+    def _content(self, content: object) -> object:
+        """Return what an event speaks of as a client gets it from the routes, too."""
+        if isinstance(content, StoredJob):
+            return job_view(content, self._principal).model_dump()
+        return content
 
     def _report(self, device_id: str, site_id: str, output: Output) -> dict[str, Any]:
         georeference = self._context.directory.georeference(site_id)
@@ -239,11 +245,6 @@ def _scoped(wanted: Wanted, principal: Principal) -> StreamFilter:
     return StreamFilter(
         site_id, None if device_ids is None else frozenset(device_ids), wanted.floor_id
     )
-
-
-def _content(content: object) -> object:
-    """Return what an event speaks of as a client gets it from the routes, too."""
-    return job_view(content).model_dump() if isinstance(content, StoredJob) else content
 
 
 def _name_in(body: bytes) -> str | None:

@@ -233,7 +233,14 @@ async def test_a_session_that_goes_on_is_taken_aside_anew(server: ApiServer) -> 
 
 
 async def test_only_admins_of_the_site_may_look(server: ApiServer) -> None:
+    async with server.client() as admin:
+        seen = await look(server, admin)
+        (shown,) = (await admin.get("/v1/jobs?kind=map%20growth")).json()["items"]
+        assert shown["result"] == seen
     async with server.client("viewer") as viewer:
+        (hidden,) = (await viewer.get("/v1/jobs?kind=map%20growth")).json()["items"]
+        assert hidden == {**shown, "result": None}
+        assert (await viewer.get(f"/v1/jobs/{shown['job_id']}")).json() == hidden
         assert (await viewer.get(GROWTH)).status_code == 403
         assert (await viewer.post(GROWTH)).status_code == 403
     async with server.client() as admin:
