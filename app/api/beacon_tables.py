@@ -122,7 +122,7 @@ async def export_beacons(
     """
     check_site(principal, site_id)
     media_type = best_type(request, ("application/json", "text/csv"))
-    await context.watch.flush()
+    await context.watch.flush_for_reader()
     stored = await context.database.read(lambda c: beacons.beacons_of_site(c, site_id))
     health = await context.database.read(lambda c: health_of_site(c, site_id))
     items = [beacon_view(b, health.get(b.beacon_id)).model_dump() for b in stored]

@@ -147,7 +147,7 @@ async def list_beacons(
         asked.kind,
         None if since is None else since.timestamp(),
     )
-    await context.watch.flush()
+    await context.watch.flush_for_reader()
     rows = await context.database.read(
         lambda c: beacons.list_beacons(c, which, after=paging.after, limit=paging.limit)
     )
@@ -306,7 +306,7 @@ def _battery(health: BeaconHealth) -> Battery | None:
 
 
 async def _seen_view(context: ApiContext, beacon: StoredBeacon) -> Beacon:
-    await context.watch.flush()
+    await context.watch.flush_for_reader()
     health = await context.database.read(lambda c: health_of(c, [beacon.beacon_id]))
     return beacon_view(beacon, health.get(beacon.beacon_id))
 
