@@ -181,7 +181,7 @@ class GrowthService:
         self._latest.pop(site_id, None)
         return await discard_all(self._database, site_id, now_s)
 
-    async def _look(self, job: StoredJob) -> StoredJob:
+    async def _look(self, job: StoredJob) -> None:
         running = replace(job, state="running", progress={"sessions": 0})
         model = found(self._directory.current(job.site_id), "site", job.site_id)
         sessions = await sessions_aside(self._database, job.site_id)
@@ -191,7 +191,7 @@ class GrowthService:
         if look is None or look.asked != tuple(session.session_id for session in sessions):
             look = await asyncio.to_thread(taken_look, model, sessions, self._board.now_s)
             self._latest[job.site_id] = look
-        return running.done(look.document(), self._board.now_s)
+        await self._board.end(running.done(look.document(), self._board.now_s))
 
 
 async def sessions_aside(database: Database, site_id: str) -> list[FinishedSession]:
