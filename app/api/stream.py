@@ -39,8 +39,6 @@ MAX_FRAME_BYTES = 64 * 1024
 MAX_SUBSCRIPTIONS = 16
 # What comes in between is joined: a thousand phones a second make ten frames.
 DEFAULT_HZ = 10.0
-# Topics that something publishes; the others are named in the plan but do not exist yet.
-TOPICS = {topic.value: topic for topic in (Topic.FIXES, Topic.DEVICES, Topic.JOBS)}
 
 Id: TypeAlias = Annotated[str, Meta(min_length=1, max_length=64)]
 
@@ -144,10 +142,7 @@ class _Listener:
         await asyncio.gather(*self._tasks, return_exceptions=True)
 
     async def _subscribe(self, wish: Subscribe) -> None:
-        topic = TOPICS.get(wish.topic)
-        if topic is None:
-            msg = f"there is no topic {wish.topic!r}; there are {', '.join(TOPICS)}"
-            raise FrameError(StreamCode.UNKNOWN_TOPIC, msg)
+        topic = _topic(wish.topic)
         if topic is Topic.JOBS and self._principal.role is Role.DEVICE:
             raise AppError(ErrorCode.ROLE_FORBIDDEN, "a phone has no part in jobs")
         wanted = _scoped(wish.filter, self._principal)
@@ -230,6 +225,14 @@ class _Listener:
     async def _end(self, code: int, reason: str) -> None:
         if self._websocket.application_state is WebSocketState.CONNECTED:
             await self._websocket.close(code, reason)
+
+
+def _topic(name: str) -> Topic:
+    try:
+        return Topic(name)
+    except ValueError as error:
+        msg = f"there is no topic {name!r}; there are {', '.join(Topic)}"
+        raise FrameError(StreamCode.UNKNOWN_TOPIC, msg) from error
 
 
 def _scoped(wanted: Wanted, principal: Principal) -> StreamFilter:
