@@ -321,16 +321,14 @@ async def _beacon(context: ApiContext, principal: Principal, beacon_id: str) -> 
     return stored
 
 
-_RENAMED = {"x": "x_m", "y": "y_m", "z": "z_m"}
+RENAMED = {"x": "x_m", "y": "y_m", "z": "z_m"}
 
 
 def _fields(beacon: StoredBeacon) -> dict[str, Any]:
-    fields = {name: getattr(beacon, _RENAMED.get(name, name)) for name in BeaconFields.model_fields}
+    fields = {name: getattr(beacon, RENAMED.get(name, name)) for name in BeaconFields.model_fields}
     return {**fields, "keys": list(beacon.keys)}
 
 
 def _columns(fields: BeaconFields) -> dict[str, Any]:
-    columns = {
-        _RENAMED.get(name, name): getattr(fields, name) for name in BeaconFields.model_fields
-    }
+    columns = {RENAMED.get(name, name): getattr(fields, name) for name in BeaconFields.model_fields}
     return {**columns, "keys": tuple(fields.keys)}
