@@ -8,19 +8,20 @@ from fastapi.responses import JSONResponse
 from pydantic import BaseModel, Field, ValidationError
 
 from app.api.auth import check_site
-from app.api.beacons import NewBeacon, beacon_view, stored_beacon
+from app.api.beacons import RENAMED, NewBeacon, beacon_view, stored_beacon
 from app.api.negotiation import best_type
 from app.api.resource import Admin, Context, Reader, registry_router
 from app.api.uploads import json_of, media_type_of, read_bounded
 from app.formats.beacons_csv import (
     MAX_ROWS,
+    OPTIONAL,
     BeaconRow,
     BeaconTableError,
     read_beacons_csv,
     write_beacons_csv,
 )
 from app.services import beacons as beacon_service
-from app.services.beacons import ImportPlan
+from app.services.beacons import ImportPlan, TableRow
 from app.services.errors import AppError, ErrorCode
 from app.storage import beacons
 from app.storage.beacon_health import health_of_site
@@ -35,6 +36,9 @@ MAX_CHANGES = 1000
 
 TOLD_BY_TRAFFIC = frozenset({"last_heard_at", "battery"})
 """Fields of an exported beacon that nobody edits: an import passes them over."""
+
+PLACE = frozenset({"floor_id", "x", "y"})
+"""They belong together: who says one of them says all."""
 
 SiteParameter = Annotated[str, Query(description="Site of the table")]
 
@@ -89,8 +93,9 @@ async def import_beacons(
 ) -> ImportReport:
     """Add and change beacons by their ids, from a CSV table or a JSON list as exported.
 
-    Good rows are taken, refused ones are listed; nothing is removed. With `dry_run` nothing is
-    stored.
+    Good rows are taken, refused ones are listed; nothing is removed. What the table has no column
+    (or an item no field) for stays as it is stored; an empty cell is set back to what a new beacon
+    has. With `dry_run` nothing is stored.
     """
     check_site(principal, site_id)
     rows = await _rows(request)
@@ -99,7 +104,7 @@ async def import_beacons(
     if not dry_run:
         await context.directory.refresh()
     refused += [
-        RefusedRow(line=lines[r.index], beacon_id=taken[r.index].beacon_id, detail=r.detail)
+        RefusedRow(line=lines[r.index], beacon_id=taken[r.index].beacon.beacon_id, detail=r.detail)
         for r in plan.refused
     ]
     return ImportReport(
@@ -122,7 +127,7 @@ async def export_beacons(
     """
     check_site(principal, site_id)
     media_type = best_type(request, ("application/json", "text/csv"))
-    await context.watch.flush()
+    await context.watch.flush_for_reader()
     stored = await context.database.read(lambda c: beacons.beacons_of_site(c, site_id))
     health = await context.database.read(lambda c: health_of_site(c, site_id))
     items = [beacon_view(b, health.get(b.beacon_id)).model_dump() for b in stored]
@@ -167,16 +172,23 @@ def _json_rows(document: object) -> list[BeaconRow]:
         msg = f"not a list of at most {MAX_ROWS} beacons"
         raise BeaconTableError(msg)
     return [
-        BeaconRow(place, item) if isinstance(item, dict) else BeaconRow(place, {}, "not an object")
+        BeaconRow(place, item, unsaid=_unsaid(item))
+        if isinstance(item, dict)
+        else BeaconRow(place, {}, "not an object")
         for place, item in enumerate(items, 1)
     ]
 
 
+def _unsaid(item: Mapping[str, Any]) -> frozenset[str]:
+    place = frozenset() if PLACE & item.keys() else PLACE
+    return (OPTIONAL - item.keys()) | place
+
+
 def checked_rows(
     site_id: str, rows: Sequence[BeaconRow]
-) -> tuple[list[StoredBeacon], list[int], list[RefusedRow]]:
+) -> tuple[list[TableRow], list[int], list[RefusedRow]]:
     """Return the beacons of a table with their lines, and the rows that cannot be meant."""
-    taken: list[StoredBeacon] = []
+    taken: list[TableRow] = []
     lines: list[int] = []
     refused: list[RefusedRow] = []
     for row in rows:
@@ -190,7 +202,7 @@ def checked_rows(
     return taken, lines, refused
 
 
-def _beacon(site_id: str, row: BeaconRow) -> StoredBeacon:
+def _beacon(site_id: str, row: BeaconRow) -> TableRow:
     if row.error:
         raise ValueError(row.error)
     fields: Mapping[str, Any] = row.fields
@@ -202,7 +214,8 @@ def _beacon(site_id: str, row: BeaconRow) -> StoredBeacon:
         raise ValueError(msg)
     edited = {name: value for name, value in fields.items() if name not in TOLD_BY_TRAFFIC}
     beacon = NewBeacon.model_validate({**edited, "site_id": site_id})
-    return stored_beacon(site_id, beacon.beacon_id, beacon)
+    unsaid = frozenset(RENAMED.get(name, name) for name in row.unsaid)
+    return TableRow(stored_beacon(site_id, beacon.beacon_id, beacon), unsaid)
 
 
 def _words(error: ValueError) -> str:

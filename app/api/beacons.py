@@ -147,7 +147,7 @@ async def list_beacons(
         asked.kind,
         None if since is None else since.timestamp(),
     )
-    await context.watch.flush()
+    await context.watch.flush_for_reader()
     rows = await context.database.read(
         lambda c: beacons.list_beacons(c, which, after=paging.after, limit=paging.limit)
     )
@@ -306,7 +306,7 @@ def _battery(health: BeaconHealth) -> Battery | None:
 
 
 async def _seen_view(context: ApiContext, beacon: StoredBeacon) -> Beacon:
-    await context.watch.flush()
+    await context.watch.flush_for_reader()
     health = await context.database.read(lambda c: health_of(c, [beacon.beacon_id]))
     return beacon_view(beacon, health.get(beacon.beacon_id))
 
@@ -321,16 +321,14 @@ async def _beacon(context: ApiContext, principal: Principal, beacon_id: str) -> 
     return stored
 
 
-_RENAMED = {"x": "x_m", "y": "y_m", "z": "z_m"}
+RENAMED = {"x": "x_m", "y": "y_m", "z": "z_m"}
 
 
 def _fields(beacon: StoredBeacon) -> dict[str, Any]:
-    fields = {name: getattr(beacon, _RENAMED.get(name, name)) for name in BeaconFields.model_fields}
+    fields = {name: getattr(beacon, RENAMED.get(name, name)) for name in BeaconFields.model_fields}
     return {**fields, "keys": list(beacon.keys)}
 
 
 def _columns(fields: BeaconFields) -> dict[str, Any]:
-    columns = {
-        _RENAMED.get(name, name): getattr(fields, name) for name in BeaconFields.model_fields
-    }
+    columns = {RENAMED.get(name, name): getattr(fields, name) for name in BeaconFields.model_fields}
     return {**columns, "keys": tuple(fields.keys)}

@@ -72,7 +72,7 @@ async def look_at_growth(
     check_site(principal, site_id)
     job = await context.growth.start(site_id)
     response.headers["Location"] = f"/v1/jobs/{job.job_id}"
-    return job_view(job)
+    return job_view(job, principal)
 
 
 @router.post("/{site_id}/growth/accept", status_code=201)

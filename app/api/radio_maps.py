@@ -124,7 +124,7 @@ async def build_radio_map(
     asked = BuildRequest(body.site_id, tuple(body.surveys), body.name, options)
     job = await context.builds.start(asked)
     response.headers["Location"] = f"/v1/jobs/{job.job_id}"
-    return job_view(job)
+    return job_view(job, principal)
 
 
 @router.post(

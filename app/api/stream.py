@@ -39,8 +39,6 @@ MAX_FRAME_BYTES = 64 * 1024
 MAX_SUBSCRIPTIONS = 16
 # What comes in between is joined: a thousand phones a second make ten frames.
 DEFAULT_HZ = 10.0
-# Topics that something publishes; the others are named in the plan but do not exist yet.
-TOPICS = {topic.value: topic for topic in (Topic.FIXES, Topic.DEVICES, Topic.JOBS)}
 
 Id: TypeAlias = Annotated[str, Meta(min_length=1, max_length=64)]
 
@@ -144,10 +142,7 @@ class _Listener:
         await asyncio.gather(*self._tasks, return_exceptions=True)
 
     async def _subscribe(self, wish: Subscribe) -> None:
-        topic = TOPICS.get(wish.topic)
-        if topic is None:
-            msg = f"there is no topic {wish.topic!r}; there are {', '.join(TOPICS)}"
-            raise FrameError(StreamCode.UNKNOWN_TOPIC, msg)
+        topic = _topic(wish.topic)
         if topic is Topic.JOBS and self._principal.role is Role.DEVICE:
             raise AppError(ErrorCode.ROLE_FORBIDDEN, "a phone has no part in jobs")
         wanted = _scoped(wish.filter, self._principal)
@@ -175,7 +170,7 @@ class _Listener:
     def _snapshot(self, topic: Topic, wanted: StreamFilter) -> list[Any]:
         if topic is Topic.JOBS:
             live = self._context.jobs.live
-            return [_content(job) for job in live if wanted.covers(job.site_id, None)]
+            return [self._content(job) for job in live if wanted.covers(job.site_id, None)]
         if topic is not Topic.FIXES:
             return []
         site_ids = [wanted.site_id] if wanted.site_id else self._context.directory.site_ids()
@@ -209,10 +204,16 @@ class _Listener:
     def _event_frames(self, name: str, frames: Frames) -> Iterator[dict[str, Any]]:
         for event in frames.events:
             eid = str(event.event_id)
-            yield {"op": "event", "id": name, "eid": eid, "data": [_content(event.content)]}
+            yield {"op": "event", "id": name, "eid": eid, "data": [self._content(event.content)]}
         if frames.outputs:
             reports = [self._report(o.device_id, o.site_id, o.output) for o in frames.outputs]
             yield {"op": "event", "id": name, "data": reports}
+
+    def _content(self, content: object) -> object:
+        """Return what an event speaks of as a client gets it from the routes, too."""
+        if isinstance(content, StoredJob):
+            return job_view(content, self._principal).model_dump()
+        return content
 
     def _report(self, device_id: str, site_id: str, output: Output) -> dict[str, Any]:
         georeference = self._context.directory.georeference(site_id)
@@ -224,6 +225,14 @@ class _Listener:
     async def _end(self, code: int, reason: str) -> None:
         if self._websocket.application_state is WebSocketState.CONNECTED:
             await self._websocket.close(code, reason)
+
+
+def _topic(name: str) -> Topic:
+    try:
+        return Topic(name)
+    except ValueError as error:
+        msg = f"there is no topic {name!r}; there are {', '.join(Topic)}"
+        raise FrameError(StreamCode.UNKNOWN_TOPIC, msg) from error
 
 
 def _scoped(wanted: Wanted, principal: Principal) -> StreamFilter:
@@ -239,11 +248,6 @@ def _scoped(wanted: Wanted, principal: Principal) -> StreamFilter:
     return StreamFilter(
         site_id, None if device_ids is None else frozenset(device_ids), wanted.floor_id
     )
-
-
-def _content(content: object) -> object:
-    """Return what an event speaks of as a client gets it from the routes, too."""
-    return job_view(content).model_dump() if isinstance(content, StoredJob) else content
 
 
 def _name_in(body: bytes) -> str | None:

@@ -130,7 +130,7 @@ async def upload_survey(
     pieces = body if boundary is None else file_part(body, boundary)
     with pointing_to_query():
         job = await context.uploads.receive(wanted, pieces)
-    return _accepted(response, job)
+    return _accepted(response, job, principal)
 
 
 @router.post("/uploads", status_code=201)
@@ -142,7 +142,7 @@ async def begin_upload(
     request = UploadRequest(body.site_id, body.name, body.floor_id, body.total_bytes)
     job = await context.uploads.begin(request)
     response.headers["Location"] = f"/v1/surveys/uploads/{job.job_id}"
-    return job_view(job)
+    return job_view(job, principal)
 
 
 @router.patch("/uploads/{job_id}", status_code=202, openapi_extra=BODY)
@@ -156,7 +156,8 @@ async def continue_upload(
 ) -> Job:
     """Send the next bytes of an upload; with the last one the job reads it."""
     check_site(principal, context.uploads.site_of(job_id))
-    return _accepted(response, await context.uploads.append(job_id, offset, _body(request)))
+    job = await context.uploads.append(job_id, offset, _body(request))
+    return _accepted(response, job, principal)
 
 
 @router.delete("/uploads/{job_id}", status_code=204)
@@ -252,10 +253,10 @@ def _key(survey: StoredSurvey) -> str:
     return newest_first_cursor(survey.created_s, survey.survey_id)
 
 
-def _accepted(response: Response, job: StoredJob) -> Job:
+def _accepted(response: Response, job: StoredJob, principal: Principal) -> Job:
     response.headers["Location"] = f"/v1/jobs/{job.job_id}"
     response.headers["Upload-Offset"] = str(job.progress["received_bytes"])
-    return job_view(job)
+    return job_view(job, principal)
 
 
 async def _body(request: Request) -> AsyncIterator[bytes]:

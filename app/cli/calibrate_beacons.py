@@ -101,10 +101,11 @@ def _beacons(path: Path) -> list[StoredBeacon]:
     if refused:
         msg = f"{path}: line {refused[0].line}: {refused[0].detail}"
         raise CommandError(msg)
-    if len({beacon.floor_id for beacon in taken} - {None}) != 1:
+    beacons = [row.beacon for row in taken]
+    if len({beacon.floor_id for beacon in beacons} - {None}) != 1:
         msg = f"{path}: the placed beacons are to be of one floor"
         raise CommandError(msg)
-    return taken
+    return beacons
 
 
 def _levels(path: Path) -> list[LabelledLevel]:

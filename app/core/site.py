@@ -37,7 +37,7 @@ class Floor:
     walls: tuple[Wall, ...] = ()
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
 class SiteModel:
     """Everything the engine knows of a place; replaced as a whole when an admin changes something.
 

@@ -3,10 +3,11 @@
 Columns, in any order: ``beacon_id``, ``kind`` (ble or wifi), ``floor_id``, ``x``, ``y`` (metres in
 the site frame) and ``keys`` (separated by blanks) are needed; instead of ``keys`` a row may have
 ``mac``, or ``uuid``, ``major`` and ``minor``, or all of them. ``name``, ``z``, ``ref_level_dbm``,
-``ref_distance_m``, ``path_loss_exponent`` and ``shadowing_db`` may be left out or empty. What
-traffic says of a beacon (``last_heard_at``, ``battery_percent``, ``battery_v``, ``temperature_c``)
-is written and never read. Semicolons or tabs may separate (`separated_values`). A ``name`` that a
-spreadsheet would take for a formula is written with an apostrophe before it, and read without.
+``ref_distance_m``, ``path_loss_exponent`` and ``shadowing_db`` may be left out, which says nothing
+of them, or empty, which says that they are as of a new beacon. What traffic says of a beacon
+(``last_heard_at``, ``battery_percent``, ``battery_v``, ``temperature_c``) is written, never read.
+Semicolons or tabs may separate (`separated_values`). A ``name`` that a spreadsheet would take for a
+formula is written with an apostrophe before it, and read without.
 """
 
 import csv
@@ -30,6 +31,7 @@ NUMBERS = (
 COLUMNS = ("beacon_id", "kind", "name", "floor_id", *NUMBERS, "keys")
 HEALTH_COLUMNS = ("last_heard_at", "battery_percent", "battery_v", "temperature_c")
 KEY_COLUMNS = ("mac", "uuid", "major", "minor")
+OPTIONAL = frozenset({"name", *NUMBERS}) - {"x", "y"}
 
 MAX_ROWS = 100_000
 
@@ -42,12 +44,14 @@ class BeaconTableError(ValueError):
 class BeaconRow:
     """One row: its fields as the API names them, or what is wrong with it.
 
-    ``line`` counts from 1 with the header, as editors do.
+    ``line`` counts from 1 with the header, as editors do. ``unsaid`` are fields of which the table
+    says nothing; those in neither are as of a new beacon.
     """
 
     line: int
     fields: dict[str, Any]
     error: str = ""
+    unsaid: frozenset[str] = frozenset()
 
 
 def read_beacons_csv(text: str) -> Iterator[BeaconRow]:
@@ -113,7 +117,7 @@ def _row(line: int, row: Mapping[str | None, Any], separator: str) -> BeaconRow:
         return BeaconRow(line, {}, "the row has not as many fields as the header")
     cells = {str(name): str(value).strip() for name, value in row.items()}
     try:
-        return BeaconRow(line, _fields(cells, separator))
+        return BeaconRow(line, _fields(cells, separator), unsaid=OPTIONAL - cells.keys())
     except ValueError as error:
         return BeaconRow(line, {"beacon_id": cells["beacon_id"]}, str(error))
 

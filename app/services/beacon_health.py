@@ -1,8 +1,9 @@
 """Watching beacons: when each was last heard, and what it told of its battery.
 
 Every reading is looked up and kept in memory, one entry for each registered beacon; what is new is
-written together every `WRITE_EVERY_S`, at the end of the server, and before somebody reads it. So a
-reading costs no write, and a server that is killed forgets some seconds.
+written together every `WRITE_EVERY_S`, at the end of the server, and before somebody reads it, if
+the database takes it then. So a reading costs no write, and a server that is killed forgets some
+seconds.
 """
 
 import asyncio
@@ -15,6 +16,7 @@ from typing import TypeAlias
 
 from app.core.survey import Scan
 from app.core.types import BeaconTelemetry, BleScan, Observation, WifiScan
+from app.services.errors import AppError
 from app.services.site import SiteDirectory
 from app.services.writing import write
 from app.storage.beacon_health import BeaconHealth, note_health
@@ -24,6 +26,9 @@ _LOG = logging.getLogger(__name__)
 
 WRITE_EVERY_S = 10.0
 """Batteries last for months and admins look daily; what a killed server forgets is not missed."""
+
+READER_WAIT_S = 1.0
+"""A reader waits so long for the newest: some hundred group commits, and no page seems to hang."""
 
 _BEACONS_A_WRITE = 500
 """Beacons written in one go, some milliseconds: the observation log waits for its turn."""
@@ -87,6 +92,18 @@ class BeaconWatch:
                     for health in fresh[first:]:
                         self._keep(health)
                     raise
+
+    async def flush_for_reader(self) -> None:
+        """Write what is new before somebody reads it.
+
+        While the database does not take it, what is stored is read: some seconds older at first.
+        """
+        try:
+            async with asyncio.timeout(READER_WAIT_S):
+                await self.flush()
+        except (AppError, TimeoutError) as error:
+            reason = str(error) or f"no commit within {READER_WAIT_S} s"
+            _LOG.warning("what beacons told last is not stored yet: %s", reason)
 
     def _note_scan(self, ids: Mapping[str, str], scan: Scan, received_s: float) -> None:
         for reading in scan.readings:

@@ -79,6 +79,20 @@ async def delete_beacon(database: Database, beacon_id: str, seen: SeenVersions) 
 
 
 @dataclass(frozen=True, slots=True)
+class TableRow:
+    """A beacon of a table, whole if it is new; ``unsaid`` stays as it is stored if it is not."""
+
+    beacon: StoredBeacon
+    unsaid: frozenset[str] = frozenset()
+
+    def over(self, stored: StoredBeacon | None) -> StoredBeacon:
+        """Return the beacon as it is after the table."""
+        if stored is None:
+            return self.beacon
+        return replace(self.beacon, **{name: getattr(stored, name) for name in self.unsaid})
+
+
+@dataclass(frozen=True, slots=True)
 class Refused:
     """A beacon of a table that cannot be taken: its place in the table, and why."""
 
@@ -106,8 +120,9 @@ class Surroundings:
     ids_elsewhere: frozenset[str] = field(default_factory=frozenset)
 
 
-def plan_import(rows: Sequence[StoredBeacon], around: Surroundings) -> ImportPlan:
+def plan_import(table: Sequence[TableRow], around: Surroundings) -> ImportPlan:
     """Sort the rows of a table into new, changed, equal and impossible ones; ids decide."""
+    rows = [row.over(around.stored.get(row.beacon.beacon_id)) for row in table]
     refused: list[Refused] = []
     taken: dict[str, StoredBeacon] = {}
     named = {row.beacon_id for row in rows}
@@ -132,13 +147,13 @@ def plan_import(rows: Sequence[StoredBeacon], around: Surroundings) -> ImportPla
 
 
 async def import_beacons(
-    database: Database, site_id: str, rows: Sequence[StoredBeacon], *, dry_run: bool
+    database: Database, site_id: str, table: Sequence[TableRow], *, dry_run: bool
 ) -> ImportPlan:
     """Add and change the beacons of a table in one transaction; ``dry_run`` only tells."""
 
     def plan(connection: Connection) -> ImportPlan:
         found(sites.get_site(connection, site_id), "site", site_id)
-        return plan_import(rows, _surroundings(connection, site_id))
+        return plan_import(table, _surroundings(connection, site_id))
 
     def statement(connection: Connection) -> ImportPlan:
         planned = plan(connection)

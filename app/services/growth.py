@@ -37,6 +37,7 @@ from app.storage import quarantine, radio_maps
 from app.storage.database import Database
 from app.storage.jobs import StoredJob
 from app.storage.log import SqlObservationLog, logged_bytes
+from app.storage.quarantine import KeptAside
 from app.storage.radio_maps import RadioMapOrigin, StoredRadioMap
 from app.storage.sites import get_site
 
@@ -77,7 +78,8 @@ class Look:
     version
         The site's ``model_version`` that it was taken of.
     asked
-        Ids of the sessions looked at, those that are too strange to the map yet too.
+        The sessions looked at, those that are too strange to the map yet too: ids, and when each
+        was taken aside.
     joining
         Those that would join.
     radio_map
@@ -89,7 +91,7 @@ class Look:
     site_id: str
     version: int
     looked_s: float
-    asked: tuple[str, ...]
+    asked: tuple[tuple[str, float], ...]
     joining: tuple[GrownSession, ...] = ()
     radio_map: RadioMap | None = None
     effect: GrowthEffect | None = None
@@ -181,31 +183,30 @@ class GrowthService:
         self._latest.pop(site_id, None)
         return await discard_all(self._database, site_id, now_s)
 
-    async def _look(self, job: StoredJob) -> StoredJob:
+    async def _look(self, job: StoredJob) -> None:
         running = replace(job, state="running", progress={"sessions": 0})
         model = found(self._directory.current(job.site_id), "site", job.site_id)
-        sessions = await sessions_aside(self._database, job.site_id)
-        running = replace(running, progress={"sessions": len(sessions)})
+        aside = await sessions_aside(self._database, job.site_id)
+        running = replace(running, progress={"sessions": len(aside)})
         await self._board.update(running)
         look = self.latest(job.site_id)
-        if look is None or look.asked != tuple(session.session_id for session in sessions):
-            look = await asyncio.to_thread(taken_look, model, sessions, self._board.now_s)
+        if look is None or look.asked != _asked(aside):
+            look = await asyncio.to_thread(taken_look, model, aside, self._board.now_s)
             self._latest[job.site_id] = look
-        return running.done(look.document(), self._board.now_s)
+        await self._board.end(running.done(look.document(), self._board.now_s))
 
 
-async def sessions_aside(database: Database, site_id: str) -> list[FinishedSession]:
+async def sessions_aside(database: Database, site_id: str) -> list[KeptAside]:
     """Return the newest sessions kept aside at a site, as many as are looked at together."""
     return await database.read(partial(quarantine.quarantined, site_id=site_id, limit=MAX_SESSIONS))
 
 
-def taken_look(model: SiteModel, sessions: list[FinishedSession], now_s: float) -> Look:
+def taken_look(model: SiteModel, aside: Sequence[KeptAside], now_s: float) -> Look:
     """Let a site's map grow by sessions, and tell what that changes; takes up to a minute."""
-    asked = tuple(session.session_id for session in sessions)
-    nothing = Look(model.site_id, model.version, now_s, asked)
-    if model.radio_map is None or not sessions:
+    nothing = Look(model.site_id, model.version, now_s, _asked(aside))
+    if model.radio_map is None or not aside:
         return nothing
-    joining = grow(sessions, model, _PARAMS, GrowingParams())
+    joining = grow([one.session for one in aside], model, _PARAMS, GrowingParams())
     if not joining:
         return nothing
     radio_map = grown_map(model.radio_map, joining, model)
@@ -226,7 +227,7 @@ async def accept_look(
     Raises
     ------
     AppError
-        If nothing would join, or the site or one of the sessions was changed since the look.
+        If nothing would join, or the site or a session that was looked at was changed since.
     """
     grown = look.radio_map
     if grown is None:
@@ -235,8 +236,9 @@ async def accept_look(
 
     def statement(connection: Connection) -> StoredRadioMap:
         site = found(get_site(connection, look.site_id), "site", look.site_id)
-        gone = set(ids) - quarantine.undecided(connection, look.site_id)
-        if site.model_version != look.version or gone:
+        # All that were looked at, not those that join alone: each had a part in what was shown.
+        changed = set(look.asked) - quarantine.undecided(connection, look.site_id)
+        if site.model_version != look.version or changed:
             detail = "the site or what is kept aside was changed meanwhile; look again"
             raise AppError(ErrorCode.CONFLICT, detail)
         origin = _origin(connection, look, now_s)
@@ -280,6 +282,10 @@ async def _told(database: Database, record: SessionRecord) -> list[Observation]:
     if size > MAX_SESSION_BYTES:
         return []
     return await SqlObservationLog(database).observations(record.session_id)
+
+
+def _asked(aside: Sequence[KeptAside]) -> tuple[tuple[str, float], ...]:
+    return tuple((one.session.session_id, one.collected_s) for one in aside)
 
 
 def _places(joining: Sequence[GrownSession], model: SiteModel) -> tuple[GrownPlace, ...]:

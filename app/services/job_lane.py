@@ -7,12 +7,13 @@ from typing import TypeAlias
 
 from app.services.errors import AppError, ErrorCode
 from app.services.jobs import JobBoard
+from app.storage.database import DatabaseUnavailableError
 from app.storage.jobs import StoredJob
 
 _LOG = logging.getLogger(__name__)
 
-Work: TypeAlias = Callable[[StoredJob], Awaitable[StoredJob]]
-"""Does a job's work when its turn has come, and returns the job as it has ended."""
+Work: TypeAlias = Callable[[StoredJob], Awaitable[None]]
+"""Does a job's work when its turn has come, and ends the job; if it cannot, it raises."""
 
 
 class JobLane:
@@ -45,11 +46,15 @@ class JobLane:
     async def _run(self, job: StoredJob, work: Work) -> None:
         try:
             async with self._turn:
-                ended = await work(job)
+                await work(job)
         except AppError as error:
             ended = job.failed(error.code.value, str(error), self._board.now_s)
+        except DatabaseUnavailableError as error:
+            ended = job.failed(ErrorCode.UNAVAILABLE.value, str(error), self._board.now_s)
         except Exception:  # noqa: BLE001 - whoever asked must learn that it came to nothing
             _LOG.exception("a %s for site %r has failed", self._kind, job.site_id)
             detail = f"the {self._kind} has failed; see the server's log"
             ended = job.failed(ErrorCode.INTERNAL.value, detail, self._board.now_s)
+        else:
+            return
         await self._board.end(ended)

@@ -75,15 +75,18 @@ class JobBoard:
             self._database.submit(lambda c: jobs.update_job(c, job))
         self._tell(job)
 
-    async def end_with(self, job: StoredJob, outcome: Callable[[Connection], None]) -> None:
-        """Store what came of a job together with its end: no kill leaves one without the other."""
+    async def end_with(self, outcome: Callable[[Connection], StoredJob]) -> None:
+        """Store what came of a job together with its end: no kill leaves one without the other.
 
-        def statement(connection: Connection) -> None:
-            outcome(connection)
+        ``outcome`` stores the one and returns the job as it has ended by that.
+        """
+
+        def statement(connection: Connection) -> StoredJob:
+            job = outcome(connection)
             jobs.update_job(connection, job)
+            return job
 
-        await self._database.write(statement)
-        self._tell(job)
+        self._tell(await self._database.write(statement))
 
     async def fail_cut_off(self, but: Collection[str]) -> None:
         """Fail, at the start, the jobs that the end of the server cut off, ``but`` these."""

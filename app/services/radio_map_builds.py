@@ -15,7 +15,6 @@ from app.services.job_lane import JobLane
 from app.services.jobs import JobBoard
 from app.services.radio_map_building import BuildOptions, BuiltMap, built_map
 from app.services.site import load_site_model
-from app.services.writing import write
 from app.storage import radio_maps, sites, surveys
 from app.storage.database import Database
 from app.storage.jobs import StoredJob
@@ -114,16 +113,17 @@ class RadioMapBuilds:
         """Give up what has not ended; its jobs fail when the server starts again."""
         await self._lane.close()
 
-    async def _build(self, job: StoredJob, asked: BuildRequest) -> StoredJob:
+    async def _build(self, job: StoredJob, asked: BuildRequest) -> None:
         running = replace(job, state="running", progress={"surveys": len(asked.surveys)})
         await self._board.update(running)
         surveyed, floors = await self._database.read(lambda c: load_surveyed(c, asked))
         read = replace(running, progress={**running.progress, "records": len(surveyed)})
         await self._board.update(read)
         built = await asyncio.to_thread(built_map, surveyed, floors, asked.options)
-        store = storing_built(asked, built, self._board.now_s)
-        stored = await write(self._database, store)
-        return read.done(_result(stored), self._board.now_s)
+        ended_s = self._board.now_s
+        store = storing_built(asked, built, ended_s)
+        # A job cut off between the two would be told as failed, its version being there.
+        await self._board.end_with(lambda c: read.done(_result(store(c)), ended_s))
 
 
 def _result(stored: StoredRadioMap) -> dict[str, Any]:

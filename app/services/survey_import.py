@@ -110,9 +110,14 @@ class SurveyImporter:
             "unusable": parsed.unusable,
         }
         done = job.done(result, self._clock.now_s())
+
+        def completing(connection: SqlConnection) -> StoredJob:
+            surveys.complete_survey(connection, whole)
+            return done
+
         # A job that had not ended would be begun again after a restart, and the survey be there
         # twice.
-        await self._board.end_with(done, lambda c: surveys.complete_survey(c, whole))
+        await self._board.end_with(completing)
 
     async def _fail(self, job: StoredJob, code: str, detail: str, **more: object) -> None:
         await self._board.end(job.failed(code, detail, self._clock.now_s(), **more))

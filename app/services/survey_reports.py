@@ -6,6 +6,7 @@ from enum import StrEnum
 import numpy as np
 from sqlalchemy import Connection
 
+from app.core.fingerprint.growth import is_surveyed
 from app.core.fingerprint.leaving_out import fingerprints_of
 from app.core.fingerprint.radio_map import RadioMap, joined
 from app.core.fingerprint.survey_report import ReportParams, SurveyReport, survey_report
@@ -127,7 +128,7 @@ def _other_walks_in_use(
         return None
     left = np.array([walk not in walks for walk in loaded.survey_walks], dtype=np.bool_)
     others = loaded.of_rows(left & ~is_virtual(loaded))
-    return (listed[0], others) if others.rows else None
+    return (listed[0], others) if is_surveyed(others).any() else None
 
 
 def _reported(

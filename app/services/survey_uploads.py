@@ -198,10 +198,6 @@ class SurveyUploads:
             except (DatabaseUnavailableError, OSError) as error:
                 _LOG.warning("idle uploads are looked for later: %s", error)
 
-    def is_receiving(self, job_id: str) -> bool:
-        """Tell whether a request is sending bytes of an upload now."""
-        return self._open(job_id).receiving.locked()
-
     def site_of(self, job_id: str) -> str:
         """Return the site of an open upload."""
         return self._open(job_id).request.site_id

@@ -16,8 +16,6 @@ class Topic(StrEnum):
     """What can be listened to."""
 
     FIXES = "fixes"
-    ZONE_EVENTS = "zone_events"
-    ALERTS = "alerts"
     DEVICES = "devices"
     JOBS = "jobs"
 

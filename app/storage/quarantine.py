@@ -1,6 +1,7 @@
 """Finished sessions kept aside: nothing is matched with them before an admin accepts them."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from sqlalchemy import Connection, func, insert, select, update
 
@@ -8,6 +9,14 @@ from app.core.engine.growing import FinishedSession
 from app.core.session import SessionRecord
 from app.storage.log_rows import OBSERVATIONS, session_record
 from app.storage.tables import QUARANTINED_SESSIONS, SESSIONS
+
+
+@dataclass(frozen=True, slots=True)
+class KeptAside:
+    """A session kept aside, and when it was taken: one that went on is taken again, with more."""
+
+    session: FinishedSession
+    collected_s: float
 
 
 def not_yet_collected(connection: Connection, site_id: str, limit: int) -> list[SessionRecord]:
@@ -44,27 +53,31 @@ def quarantine(
     )
 
 
-def quarantined(connection: Connection, site_id: str, limit: int) -> list[FinishedSession]:
+def quarantined(connection: Connection, site_id: str, limit: int) -> list[KeptAside]:
     """Return the newest sessions kept aside at a site, undecided, at most ``limit``, by id."""
     kept = QUARANTINED_SESSIONS.c
     query = (
-        select(kept.session_id, kept.payload)
+        select(kept.session_id, kept.payload, kept.collected_s)
         .where(kept.site_id == site_id, kept.decided_s.is_(None))
         .order_by(kept.collected_s.desc(), kept.session_id)
         .limit(limit)
     )
-    sessions = [
-        FinishedSession(row.session_id, OBSERVATIONS.decode(row.payload))
+    aside = [
+        KeptAside(
+            FinishedSession(row.session_id, OBSERVATIONS.decode(row.payload)), row.collected_s
+        )
         for row in connection.execute(query)
     ]
-    return sorted(sessions, key=lambda session: session.session_id)
+    return sorted(aside, key=lambda one: one.session.session_id)
 
 
-def undecided(connection: Connection, site_id: str) -> set[str]:
-    """Return the ids of all sessions kept aside at a site, undecided."""
+def undecided(connection: Connection, site_id: str) -> set[tuple[str, float]]:
+    """Return the sessions kept aside at a site, undecided: ids, and when each was taken."""
     kept = QUARANTINED_SESSIONS.c
-    query = select(kept.session_id).where(kept.site_id == site_id, kept.decided_s.is_(None))
-    return set(connection.execute(query).scalars())
+    query = select(kept.session_id, kept.collected_s).where(
+        kept.site_id == site_id, kept.decided_s.is_(None)
+    )
+    return {(row.session_id, row.collected_s) for row in connection.execute(query)}
 
 
 def count_quarantined(connection: Connection, site_id: str) -> int:

@@ -70,6 +70,45 @@ async def test_an_import_adds_changes_and_lists_what_it_refuses(server: ApiServe
     assert (changed["x"], changed["keys"]) == (0.5, ["mac:a4c138000002"])
 
 
+async def test_what_a_table_has_no_column_for_stays_and_an_empty_cell_resets(
+    server: ApiServer,
+) -> None:
+    calibrated = {"name": "door", "z": 2.5, "ref_level_dbm": -63.0, "path_loss_exponent": 2.6}
+    async with server.client() as admin:
+        stored = (await admin.patch("/v1/beacons/b1", json=calibrated)).json()
+        key = stored["keys"][0]
+        places = f"beacon_id,kind,floor_id,x,y,keys\nb1,ble,lab-0,0.5,0,{key}\n"
+        emptied = f"{HEADER[:-1]},name\nb1,ble,lab-0,0.5,0,{key},,\n"
+        for table, expected in (
+            (places, {"x": [0.0, 0.5]}),
+            (emptied, {"ref_level_dbm": [-63.0, -59.0], "name": ["door", ""]}),
+        ):
+            for dry_run in (True, False):
+                params = {"site_id": "lab", "dry_run": dry_run}
+                reply = await admin.post(IMPORT, params=params, content=table, headers=CSV)
+                (change,) = reply.json()["changes"]
+                assert change["change"] == expected
+            reply = await admin.post(IMPORT, params={"site_id": "lab"}, content=table, headers=CSV)
+            assert reply.json()["unchanged"] == 1
+        left = (await admin.get("/v1/beacons/b1")).json()
+    assert (left["z"], left["path_loss_exponent"]) == (2.5, 2.6)
+
+
+async def test_a_field_that_an_item_does_not_have_stays_its_place_as_a_whole(
+    server: ApiServer,
+) -> None:
+    async with server.client() as admin:
+        before = (await admin.patch("/v1/beacons/b1", json={"shadowing_db": 3.5})).json()
+        item = {"beacon_id": "b1", "kind": "ble", "keys": before["keys"], "name": "door"}
+        await admin.post(IMPORT, params={"site_id": "lab"}, json=[item])
+        named = (await admin.get("/v1/beacons/b1")).json()
+        assert named == {**before, "name": "door"}
+        taken_down = {**item, "floor_id": None}
+        await admin.post(IMPORT, params={"site_id": "lab"}, json=[taken_down])
+        unplaced = (await admin.get("/v1/beacons/b1")).json()
+    assert unplaced == {**named, "floor_id": None, "x": None, "y": None}
+
+
 async def test_beacons_may_swap_their_keys_in_one_table(server: ApiServer) -> None:
     async with server.client() as admin:
         items = (await admin.get("/v1/beacons/export", params={"site_id": "lab"})).json()["items"]

@@ -2,6 +2,8 @@
 
 import csv
 import io
+import sqlite3
+from contextlib import closing
 
 import pytest
 from api_server import NOW_S, ApiServer, batch, ble_record, serving
@@ -140,6 +142,26 @@ async def test_exports_tell_it_and_imports_pass_it_over(server: ApiServer) -> No
                 assert first == {"last_heard_at": "2026-11-22T02:20:01.000Z", "battery_v": "3.0"}
                 assert rows[0]["temperature_c"] == "21.5"
                 assert rows[1]["battery_v"] == ""
+
+
+async def test_while_no_write_is_taken_what_is_stored_is_read(
+    server: ApiServer, database_url: str
+) -> None:
+    async with server.client() as admin:
+        await post(admin, ble_record(6.0, 4.0, NOW_MS - 9000.0), seq=0)
+        before = (await admin.get("/v1/beacons")).json()
+        await post(admin, ble_record(6.0, 4.0, NOW_MS), seq=1)
+        with closing(sqlite3.connect(database_url.removeprefix("sqlite:///"))) as other:
+            other.execute("BEGIN IMMEDIATE")
+            listed = await admin.get("/v1/beacons")
+            one = await admin.get("/v1/beacons/b1")
+            exported = await admin.get("/v1/beacons/export?site_id=lab")
+        assert [reply.status_code for reply in (listed, one, exported)] == [200] * 3
+        assert listed.json() == before
+        assert one.json() == before["items"][0]
+        # Nothing was forgotten meanwhile.
+        await server.app.state.context.watch.flush()
+        assert (await beacon(admin, "b1"))["last_heard_at"] == "2026-11-22T02:20:01.000Z"
 
 
 async def test_it_outlives_a_restart_without_anybody_having_asked(database_url: str) -> None:

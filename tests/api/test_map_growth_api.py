@@ -216,6 +216,47 @@ async def test_what_has_changed_since_the_look_is_not_accepted(server: ApiServer
         assert (await active_map(admin))["radio_map_id"] == before.radio_map_id
 
 
+async def test_a_look_at_a_session_that_went_on_since_is_not_accepted(server: ApiServer) -> None:
+    before = await survey(server)
+    async with server.client() as admin:
+        await opt_in(admin)
+        await walk_through(server)
+        await housekeep(server)
+        seen = await look(server, admin)
+        later = [record(scan(1000.0 + i, 4.0, 5.0), server.clock.now_s()) for i in range(3)]
+        async with server.client("phone-7") as phone:
+            reply = await phone.post("/v1/ingest", json=batch(*later, seq=1, session="walk-0"))
+            assert reply.status_code == 200, reply.text
+        server.clock.time_s += 3600.0
+        await housekeep(server)
+        # As many as before under the same ids, and not the same.
+        assert (await admin.get(GROWTH)).json()["waiting"] == WALKS
+        refused = await admin.post(f"{GROWTH}/accept")
+        assert (refused.status_code, refused.json()["code"]) == (409, "conflict")
+        again = await look(server, admin)
+        assert again["fingerprints"] > seen["fingerprints"]
+        accepted = (await admin.post(f"{GROWTH}/accept")).json()
+        assert accepted["fingerprints"] == before.fingerprints + again["fingerprints"]
+
+
+async def test_what_was_taken_aside_since_the_look_waits_for_the_next(server: ApiServer) -> None:
+    await survey(server)
+    async with server.client() as admin:
+        await opt_in(admin)
+        await walk_through(server)
+        await housekeep(server)
+        seen = await look(server, admin)
+        later = [record(scan(1000.0 + i, 4.0, 5.0), server.clock.now_s()) for i in range(3)]
+        async with server.client("phone-7") as phone:
+            reply = await phone.post("/v1/ingest", json=batch(*later, session="walk-9"))
+            assert reply.status_code == 200, reply.text
+        server.clock.time_s += 3600.0
+        await housekeep(server)
+        assert (await admin.get(GROWTH)).json()["waiting"] == WALKS + 1
+        assert (await admin.post(f"{GROWTH}/accept")).status_code == 201
+        assert (await admin.get(GROWTH)).json()["waiting"] == WALKS + 1 - seen["sessions"]
+
+
 async def test_a_session_that_goes_on_is_taken_aside_anew(server: ApiServer) -> None:
     await survey(server)
     async with server.client() as admin:
@@ -233,7 +274,14 @@ async def test_a_session_that_goes_on_is_taken_aside_anew(server: ApiServer) -> 
 
 
 async def test_only_admins_of_the_site_may_look(server: ApiServer) -> None:
+    async with server.client() as admin:
+        seen = await look(server, admin)
+        (shown,) = (await admin.get("/v1/jobs?kind=map%20growth")).json()["items"]
+        assert shown["result"] == seen
     async with server.client("viewer") as viewer:
+        (hidden,) = (await viewer.get("/v1/jobs?kind=map%20growth")).json()["items"]
+        assert hidden == {**shown, "result": None}
+        assert (await viewer.get(f"/v1/jobs/{shown['job_id']}")).json() == hidden
         assert (await viewer.get(GROWTH)).status_code == 403
         assert (await viewer.post(GROWTH)).status_code == 403
     async with server.client() as admin:

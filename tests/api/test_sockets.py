@@ -229,3 +229,25 @@ async def test_a_revoked_token_sees_and_posts_nothing_more(live: LiveServer) -> 
             assert (await closing(viewer))[0] == 4401
             await poster.send(json.dumps(batch(seq=2)))
             assert (await closing(poster))[0] == 4401
+
+
+async def test_what_a_look_at_growth_has_shown_is_streamed_to_admins_alone(
+    live: LiveServer,
+) -> None:
+    subscribe = {"op": "subscribe", "id": "j", "topic": "jobs"}
+    results = {}
+    async with (
+        live.socket("/v1/stream", "admin") as admin,
+        live.socket("/v1/stream", "viewer") as viewer,
+    ):
+        for socket in (admin, viewer):
+            assert (await ask(socket, subscribe))["op"] == "subscribed"
+        async with live.api.client() as client:
+            assert (await client.post("/v1/sites/lab/growth")).status_code == 202
+        for name, socket in (("admin", admin), ("viewer", viewer)):
+            jobs = []
+            while not jobs or jobs[-1]["ended"] is None:
+                jobs += (await hear(socket))["data"]
+            results[name] = jobs[-1]["result"]
+    nothing = {"sessions": 0, "fingerprints": 0, "places": [], "effect": None}
+    assert results == {"admin": nothing, "viewer": None}

@@ -3,6 +3,7 @@ import pytest
 from api_server import ApiServer
 from wifi_hall import SIDE_M, levels_dbm
 
+from app.core.fingerprint.growth import GROWN
 from app.core.fingerprint.radio_map import Fingerprint, build_radio_map
 from app.core.survey import Surveyed, SurveyPoint, SurveyWalk
 from app.core.types import Reading, WifiScan
@@ -59,11 +60,11 @@ async def hall(server: ApiServer) -> ApiServer:
     return server
 
 
-async def activate_map(server: ApiServer, *rows_m: float) -> str:
-    """Make walks along these rows the active radio map; return its id."""
+async def activate_map(server: ApiServer, *rows_m: float, walks: str = "walk-") -> str:
+    """Make walks along these rows, so named, the active radio map; return its id."""
     rng = np.random.default_rng(9)
     surveyed = [
-        Fingerprint(0, x, y, levels_dbm(x, y, rng), {}, f"walk-{y:.0f}")
+        Fingerprint(0, x, y, levels_dbm(x, y, rng), {}, f"{walks}{y:.0f}")
         for y in rows_m
         for x in np.arange(0.0, SIDE_M + 1.0, 2.0).tolist()
     ]
@@ -102,6 +103,9 @@ async def test_a_survey_of_one_walk_is_judged_by_the_active_radio_map(hall: ApiS
         assert alone["floors"][0]["median_error_m"] is None
         # The same walk in the active map says nothing of itself, and neither does a map of it.
         await activate_map(hall, 8.0)
+        assert (await client.get(url)).json()["judged_by"] == "nothing"
+        # What grew from it is no other survey.
+        await activate_map(hall, 4.0, 12.0, walks=GROWN)
         assert (await client.get(url)).json()["judged_by"] == "nothing"
         radio_map_id = await activate_map(hall, 4.0, 8.0, 12.0)
         report = (await client.get(url)).raise_for_status().json()

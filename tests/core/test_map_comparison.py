@@ -5,6 +5,7 @@ import pytest
 from wifi_hall import levels_dbm
 
 from app.core.fingerprint.comparison import ComparisonParams, compare_maps
+from app.core.fingerprint.growth import GROWN
 from app.core.fingerprint.radio_map import Fingerprint, RadioMap, build_radio_map
 from app.core.fingerprint.virtual import VIRTUAL_WALK
 from app.core.params import MatchParams
@@ -79,6 +80,17 @@ def test_virtual_rows_are_neither_places_nor_answers() -> None:
     change = compare_maps(map_of(survey(1)), map_of([*survey(1), *virtual]), MATCH, PARAMS)
     assert all(place.rows_before == place.rows_after for place in change.places)
     assert change.error_before_m == change.error_after_m
+
+
+def test_grown_rows_are_places_that_have_no_error_of_their_own() -> None:
+    before = survey(1, x_to_m=30.0)
+    grown = [
+        Fingerprint(0, f.x_m, f.y_m, f.wifi_dbm, {}, f"{GROWN}s") for f in survey(2) if f.x_m > 30.0
+    ]
+    change = compare_maps(map_of(before), map_of([*before, *grown]), MATCH, PARAMS)
+    gained = [place for place in change.places if not place.rows_before]
+    assert sum(place.rows_after for place in gained) == len(grown)
+    assert {place.error_after_m for place in gained} == {None}
 
 
 def test_a_map_of_one_walk_knows_nothing_of_its_error() -> None:

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from wifi_hall import SIDE_M, levels_dbm
 
+from app.core.fingerprint.growth import GROWN
 from app.core.fingerprint.leaving_out import left_out_matches, single_fix
 from app.core.fingerprint.matching import match
 from app.core.fingerprint.quality import (
@@ -59,6 +60,32 @@ def test_virtual_fingerprints_stand_aside():
     assert np.allclose(with_virtual.error_m, without.error_m)
 
 
+def test_grown_fingerprints_help_to_match_but_are_not_asked():
+    whole = surveyed_hall(np.random.default_rng(1), hole_from_m=10.0)
+    alike = levels_dbm(20.0, 4.0)
+    grown = [Fingerprint(0, 20.0, 30.0, alike, {}, f"{GROWN}session-{i}") for i in range(40)]
+    asked, without = (
+        left_out_fixes(radio_map, MATCHING) for radio_map in (joined(whole, grown), whole)
+    )
+    assert asked.walks == without.walks
+    assert np.array_equal(asked.places(), without.places())
+    here = np.hypot(without.x_m - 20.0, without.y_m - 4.0) < 1.0
+    assert (asked.error_m[here] > without.error_m[here] + 5.0).any()
+
+
+def test_a_hole_that_only_grew_from_use_is_thin_as_before():
+    whole = surveyed_hall(np.random.default_rng(4))
+    grown = [
+        Fingerprint(0, x, y, levels_dbm(x, y), {}, f"{GROWN}session")
+        for y in (30.0, 34.0, 38.0)
+        for x in np.arange(0.0, SIDE_M, 2.0).tolist()
+    ]
+    report = survey_report(joined(whole, grown), [hall_cells()], MATCHING, ReportParams())
+    assert report.floors[0].scans == whole.rows
+    assert report.thin_spots[0].y_m > 26.0
+    assert report.cells.nearest_scan_m.max() > 10.0
+
+
 def test_a_hole_in_the_survey_is_predicted_worse_as_it_is():
     rng = np.random.default_rng(2)
     radio_map = surveyed_hall(rng)
@@ -113,9 +140,10 @@ def test_scans_that_look_like_another_floor_are_wrong_floor_risks():
     assert report.floors[1].wrong_floor_share == 1.0
 
 
-def test_a_map_that_nobody_surveyed_has_no_report():
-    virtual = build_radio_map(
-        ("hall-F1",), [Fingerprint(0, 1.0, 1.0, levels_dbm(1.0, 1.0), {}, VIRTUAL_WALK)]
+@pytest.mark.parametrize("walk", [VIRTUAL_WALK, f"{GROWN}session"])
+def test_a_map_that_nobody_surveyed_has_no_report(walk: str):
+    unsurveyed = build_radio_map(
+        ("hall-F1",), [Fingerprint(0, 1.0, 1.0, levels_dbm(1.0, 1.0), {}, walk)]
     )
     with pytest.raises(ValueError, match="no surveyed scan"):
-        survey_report(virtual, [hall_cells()], MATCHING, ReportParams())
+        survey_report(unsurveyed, [hall_cells()], MATCHING, ReportParams())

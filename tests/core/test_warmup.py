@@ -51,9 +51,11 @@ def test_a_walk_at_a_prepared_site_works_nothing_of_it_out() -> None:
     world = warehouse(2)
     assert world.site.radio_map is not None
     engine.prepare(world.site, Params())
-    kept = (grounds, match_index, anchor_floors, anchor_levels, wall_loss_db)
-    missed = [one.cache_info().misses for one in kept]
+    of_site = (grounds, anchor_floors, anchor_levels, wall_loss_db)
+    kept = [match_index.kept_of(world.site.radio_map), *(f.kept_of(world.site) for f in of_site)]
+    assert kept == [1, 1, 1, 1, len(world.site.anchors)]
     state = engine.start()
     for observation in walk(world, 5, start_s=0.0, duration_s=30.0, imu=True).observations:
         state, _ = engine.advance(state, observation, world.site, Params())
-    assert [one.cache_info().misses for one in kept] == missed
+    after = [match_index.kept_of(world.site.radio_map), *(f.kept_of(world.site) for f in of_site)]
+    assert after == kept

@@ -25,6 +25,13 @@ def test_identity_columns_make_keys() -> None:
     (row,) = read_beacons_csv(f"{header}b,ble,F,0,0,A4:C1:38:00:00:01,{UUID},1,2\n")
     assert row.fields["keys"] == [f"ibeacon:{UUID.lower()}:1:2", "mac:a4c138000001"]
     assert "z" not in row.fields
+    assert {"z", "ref_level_dbm"} < row.unsaid
+
+
+def test_an_empty_cell_says_something_and_a_column_that_is_not_there_does_not() -> None:
+    (row,) = read_beacons_csv("beacon_id,kind,floor_id,x,y,mac,z\nb,ble,F,0,0,A4:C1:38:00:00:01,\n")
+    assert "z" not in row.fields | dict.fromkeys(row.unsaid)
+    assert "shadowing_db" in row.unsaid
 
 
 def test_a_bad_row_is_told_by_its_line_and_takes_nobody_with_it() -> None:

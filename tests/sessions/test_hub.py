@@ -45,13 +45,13 @@ async def test_news_wakes_a_waiting_listener() -> None:
 
 async def test_listeners_get_their_topics_sites_and_devices() -> None:
     hub = Hub()
-    hall = hub.subscribe([Topic.FIXES, Topic.ALERTS], StreamFilter(site_id="hall"))
+    hall = hub.subscribe([Topic.FIXES, Topic.DEVICES], StreamFilter(site_id="hall"))
     one = hub.subscribe([Topic.FIXES], StreamFilter(device_ids=frozenset({"b"})))
     hub.publish("hall", "a", _point(1))
     hub.publish("yard", "b", _point(2))
-    hub.publish_event(Topic.ALERTS, "sos", site_id="hall", device_id="a")
-    hub.publish_event(Topic.ALERTS, "elsewhere", site_id="yard")
-    hub.publish_event(Topic.ALERTS, "everywhere")
+    hub.publish_event(Topic.DEVICES, "sos", site_id="hall", device_id="a")
+    hub.publish_event(Topic.DEVICES, "elsewhere", site_id="yard")
+    hub.publish_event(Topic.DEVICES, "everywhere")
     hub.publish_event(Topic.JOBS, "other topic", site_id="hall")
     frames = await hall.next_frames()
     assert _shown(frames) == {"a": 1}
@@ -75,14 +75,14 @@ async def test_a_device_that_leaves_the_floor_is_shown_once_more() -> None:
 
 async def test_events_are_never_dropped_silently() -> None:
     hub = Hub(max_events=3)
-    slow, prompt = hub.subscribe([Topic.ALERTS]), hub.subscribe([Topic.ALERTS])
+    slow, prompt = hub.subscribe([Topic.DEVICES]), hub.subscribe([Topic.DEVICES])
     for i in range(5):
-        hub.publish_event(Topic.ALERTS, i)
+        hub.publish_event(Topic.DEVICES, i)
         await prompt.next_frames()
     with pytest.raises(StreamGapError) as gap:
         await slow.next_frames()
     assert gap.value.lost == 2
-    hub.publish_event(Topic.ALERTS, 5)
+    hub.publish_event(Topic.DEVICES, 5)
     assert [e.content for e in (await prompt.next_frames()).events] == [5]
 
 

@@ -1,9 +1,8 @@
 """What the engine works out of a site's anchors, most of it once per site model."""
 
-from functools import lru_cache
-
 import numpy as np
 
+from app.core.derived import derived
 from app.core.engine.fixing import sums
 from app.core.engine.state import SessionState
 from app.core.radio.path_loss import LevelModel, level_model
@@ -18,19 +17,19 @@ def anchor_votes(state: SessionState, site: SiteModel) -> FloatArray:
     return sums(anchor_floors(site)[state.window.anchor_index], power, len(site.floors))
 
 
-@lru_cache(maxsize=32)
+@derived()
 def anchor_floors(site: SiteModel) -> IntArray:
     """Return the floor index of each anchor; computed once per site model."""
     return np.array([site.floor_index(a.floor_id) for a in site.anchors], dtype=np.int64)
 
 
-@lru_cache(maxsize=32)
+@derived()
 def anchor_levels(site: SiteModel, phone_height_m: float) -> LevelModel:
     """Return the level models of the site's anchors; computed once per site model."""
     return level_model(site.anchors, phone_height_m)
 
 
-@lru_cache(maxsize=4096)
+@derived(most=4096)
 def wall_loss_db(site: SiteModel, anchor_index: int) -> FloatArray:
     """Return what walls take from an anchor's level; computed when it is first heard."""
     anchor = site.anchors[anchor_index]

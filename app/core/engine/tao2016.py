@@ -12,10 +12,10 @@ Journal of Anhui Agricultural Sciences 44(8), 2016.
 from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from functools import lru_cache
 
 import numpy as np
 
+from app.core.derived import derived
 from app.core.engine.fixing import believe, sums, without
 from app.core.engine.state import SessionState, changed
 from app.core.fingerprint.cleaning import CleaningParams, gauss_mean_dbm
@@ -96,7 +96,8 @@ def locate_by_beacons(
     """Do so by beacons alone, for phones that cannot scan Wi-Fi or do not just now."""
     began_s = scan.time_s if state.began_s is None else state.began_s
     since_s = began_s if state.wifi_s is None else state.wifi_s
-    if WIFI in _radios(site.radio_map) and scan.time_s - since_s <= params.match.wifi_gap_s:
+    is_wifi_due = scan.time_s - since_s <= params.match.wifi_gap_s
+    if is_wifi_due and site.radio_map is not None and WIFI in _radios(site.radio_map):
         return state
     return _locate(state, scan.time_s, (BLE,), site, params)
 
@@ -169,7 +170,7 @@ def _track(neighbours: Neighbours, params: Tao2016Params) -> PlanarTrack:
     return PlanarTrack(mean, scatter + np.eye(2) * params.reference.cell_m**2 / 12.0)
 
 
-@lru_cache(maxsize=32)
+@derived()
 def _space(
     radio_map: RadioMap,
     radios: tuple[int, ...],
@@ -185,6 +186,6 @@ def _space(
     return signal_space(places, entries, len(radio_map.transmitters), wknn)
 
 
-@lru_cache(maxsize=32)
-def _radios(radio_map: RadioMap | None) -> frozenset[int]:
-    return frozenset() if radio_map is None else frozenset(radio_map.radio.tolist())
+@derived()
+def _radios(radio_map: RadioMap) -> frozenset[int]:
+    return frozenset(radio_map.radio.tolist())

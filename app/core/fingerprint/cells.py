@@ -13,10 +13,10 @@ nobody stood there.
 """
 
 from dataclasses import dataclass, field
-from functools import lru_cache
 
 import numpy as np
 
+from app.core.derived import derived
 from app.core.fingerprint.radio_map import RadioMap
 from app.core.fingerprint.virtual import is_virtual
 from app.core.types import FloatArray, IntArray
@@ -43,7 +43,7 @@ class CellParams:
     usual_weight: float = 10.0
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
 class CellMap:
     """Cells (rows, by floor, then x, then y) by transmitters (the columns of the radio map).
 
@@ -101,7 +101,7 @@ class CellMap:
         return len(self.x_m)
 
 
-@lru_cache(maxsize=32)
+@derived()
 def cell_map(radio_map: RadioMap, params: CellParams) -> CellMap:
     """Return the cells of a radio map; computed once per map.
 

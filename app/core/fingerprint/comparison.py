@@ -1,8 +1,8 @@
 """What changed from one radio map to another: transmitters, places, and the error by place.
 
 Rows of the two maps lie elsewhere, so both are looked at in the cells of one grid
-(`app.core.fingerprint.cells`), virtual rows left out. The error of a cell is that of its rows, each
-placed by the walks other than its own (`app.core.fingerprint.quality`).
+(`app.core.fingerprint.cells`), virtual rows left out. The error of a cell is that of its surveyed
+rows, each placed by the walks other than its own (`app.core.fingerprint.quality`).
 """
 
 import math
@@ -13,6 +13,7 @@ from typing import TypeAlias
 import numpy as np
 
 from app.core.fingerprint.cells import cells_of
+from app.core.fingerprint.growth import is_surveyed
 from app.core.fingerprint.quality import left_out_fixes
 from app.core.fingerprint.radio_map import RadioMap
 from app.core.fingerprint.virtual import is_virtual
@@ -56,9 +57,9 @@ class PlaceChange:
     Attributes
     ----------
     rows_before, rows_after
-        Surveyed fingerprints in it.
+        Fingerprints in it, surveyed or grown.
     error_before_m, error_after_m
-        Their mean cross-validated error; None where there are none that can be placed.
+        Mean cross-validated error of the surveyed ones; None where none can be placed.
     """
 
     floor_id: str
@@ -97,7 +98,7 @@ class Comparison:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Gridded:
-    """A map's surveyed rows on the grid: the cell of each, and rows and mean error of cells."""
+    """A map's rows on the grid, virtual ones aside: their cells, and rows and error of each."""
 
     radio_map: RadioMap
     cell: list[Cell]
@@ -130,20 +131,21 @@ def compare_maps(
 
 
 def _gridded(radio_map: RadioMap, match: MatchParams, params: ComparisonParams) -> _Gridded:
-    surveyed = radio_map.of_rows(~is_virtual(radio_map))
-    on_grid = cells_of(np.column_stack([surveyed.x_m, surveyed.y_m]), params.cell_m)
+    heard = radio_map.of_rows(~is_virtual(radio_map))
+    on_grid = cells_of(np.column_stack([heard.x_m, heard.y_m]), params.cell_m)
     cell: list[Cell] = [
-        (surveyed.floor_ids[floor], *xy)
-        for floor, xy in zip(surveyed.floor_index.tolist(), on_grid.tolist(), strict=True)
+        (heard.floor_ids[floor], *xy)
+        for floor, xy in zip(heard.floor_index.tolist(), on_grid.tolist(), strict=True)
     ]
     errors: dict[Cell, list[float]] = {}
-    error_m = left_out_fixes(surveyed, match).error_m
-    for name, error in zip(cell, error_m.tolist(), strict=True):
+    asked = [name for name, is_asked in zip(cell, is_surveyed(heard), strict=True) if is_asked]
+    error_m = left_out_fixes(heard, match).error_m
+    for name, error in zip(asked, error_m.tolist(), strict=True):
         # Nan where no other walk heard any of it.
         if not math.isnan(error):
             errors.setdefault(name, []).append(error)
     means = {name: float(np.mean(of_cell)) for name, of_cell in errors.items()}
-    return _Gridded(surveyed, cell, Counter(cell), means)
+    return _Gridded(heard, cell, Counter(cell), means)
 
 
 def _place(cell: Cell, one: _Gridded, other: _Gridded, params: ComparisonParams) -> PlaceChange:

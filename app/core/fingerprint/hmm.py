@@ -27,11 +27,11 @@ Journal of Science 44, 2021.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from numba import njit
 
+from app.core.derived import derived
 from app.core.fingerprint.cells import CellMap
 from app.core.types import FloatArray, IntArray
 
@@ -206,7 +206,7 @@ def _places(cells: CellMap) -> FloatArray:
     return np.column_stack([cells.surveyed_x_m, cells.surveyed_y_m])
 
 
-@lru_cache(maxsize=32)
+@derived()
 def _log_silence(cells: CellMap, params: HmmParams) -> FloatArray:
     """Return the logarithm of the probability (cells,) that nothing at all is heard."""
     cell = np.repeat(np.arange(cells.cells), np.diff(cells.row_start))

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from app.core.fingerprint.growth import is_surveyed
 from app.core.fingerprint.matching import Matches, likeness, match, match_index
 from app.core.fingerprint.query import Query
 from app.core.fingerprint.radio_map import WIFI, Fingerprint, RadioMap
@@ -80,18 +81,20 @@ def walk_numbers(radio_map: RadioMap) -> IntArray:
 def left_out_matches(
     radio_map: RadioMap, params: MatchParams
 ) -> Iterator[tuple[Query, Matches | None]]:
-    """Yield for each row its query, and what of the other walks' rows it resembles.
+    """Yield for each surveyed row its query, and what of the other walks' rows it resembles.
 
     The matcher is asked for as many candidates more as the longest walk has rows, and the walk's
     own are dropped: what a map without that walk would answer, but that the walk's rows still count
     where the matcher divides weight among the rows of one place. None where no other walk
-    heard any of it. Take virtual rows out of ``radio_map`` first: they are made of all walks.
+    heard any of it. Grown rows are matched with, but not asked: nobody knows where they truly are.
+    Take virtual rows out of ``radio_map`` first: they are made of all walks.
     """
     walk = walk_numbers(radio_map)
-    longest = int(np.bincount(walk).max()) if len(walk) else 0
+    surveyed = np.flatnonzero(is_surveyed(radio_map))
+    longest = int(np.bincount(walk[surveyed]).max()) if len(surveyed) else 0
     wider = replace(params, k=params.k + longest)
     crowd = match_index(radio_map, wider).crowd
-    for row in range(radio_map.rows):
+    for row in surveyed.tolist():
         query = query_of(radio_map, row)
         matches = match(query, radio_map, wider)
         own = walk == walk[row]

@@ -2,13 +2,13 @@
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
 from numba import njit
 from scipy.spatial import cKDTree
 
+from app.core.derived import derived
 from app.core.fingerprint.heard import Heard, heard_in
 from app.core.fingerprint.query import Query
 from app.core.fingerprint.radio_map import BLE, WIFI, RadioMap
@@ -68,7 +68,7 @@ class Matches:
         return float(self.sorensen.min())
 
 
-@lru_cache(maxsize=32)
+@derived()
 def match_index(radio_map: RadioMap, params: MatchParams) -> MatchIndex:
     """Return the map's index for these parameters; computed once per map."""
     is_ble = radio_map.radio[radio_map.column] == BLE

@@ -34,7 +34,7 @@ class Fingerprint:
     time_s: float | None = None
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
 class RadioMap:
     """Fingerprints (rows) by transmitters (columns), stored row-wise and inverted column-wise.
 

@@ -7,10 +7,10 @@ stands where they were made on average. Virtual fingerprints are left out, nobod
 """
 
 from dataclasses import dataclass, field
-from functools import lru_cache
 
 import numpy as np
 
+from app.core.derived import derived
 from app.core.fingerprint.cells import cells_of
 from app.core.fingerprint.cleaning import CleanedLevels, CleaningParams, clean_levels
 from app.core.fingerprint.radio_map import RadioMap
@@ -55,7 +55,7 @@ class ReferencePoints:
     levels: CleanedLevels
 
 
-@lru_cache(maxsize=32)
+@derived()
 def reference_points(radio_map: RadioMap, params: ReferencePointParams) -> ReferencePoints:
     """Return the reference points of a radio map; computed once per map."""
     surveyed = ~is_virtual(radio_map)

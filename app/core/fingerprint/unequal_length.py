@@ -16,11 +16,11 @@ absence is penalised. Its penalty is not known to us; P, D and the weights w_t a
 """
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from numba import njit
 
+from app.core.derived import derived
 from app.core.fingerprint.matching import represent
 from app.core.fingerprint.radio_map import WIFI, RadioMap
 from app.core.types import FloatArray, IntArray
@@ -112,7 +112,7 @@ def nearest_of_unequal_length(
     )
 
 
-@lru_cache(maxsize=32)
+@derived()
 def _strengths(radio_map: RadioMap, params: UnequalLengthParams) -> tuple[FloatArray, FloatArray]:
     """Return the strength of every Wi-Fi level, by column, and their sum per row."""
     strength = represent(radio_map.column_rssi_dbm, params.floor_dbm, params.strength_exponent)
