@@ -109,9 +109,9 @@ class SmootherParams:
         As in `ReportParams`, for smoothed points.
     """
 
-    tempering: float = 0.4
+    tempering: float = 0.3
     way_weight: float = 0.12
-    both_ways_share: float = 0.4
+    both_ways_share: float = 0.5
     passes: int = 4
     start_m: float = 50.0
     bias_prior_rad: float = 0.28
