@@ -15,7 +15,7 @@ from app.core.simulate import walk, warehouse
 from app.core.types import TrackPoint
 
 PARAMS = Params()
-PLAIN = dataclasses.replace(PARAMS.smoother, student_dof=1e12, noise_ratio=1.0)
+PLAIN = dataclasses.replace(PARAMS.smoother, student_dof=1e12, noise_ratio=1.0, passes=8)
 ONCE = dataclasses.replace(PLAIN, passes=1)
 T0 = 1_700_000_000.0
 NONE = np.empty(0)

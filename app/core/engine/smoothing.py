@@ -1,7 +1,10 @@
 """The final track of a session: every second told by everything before and after it.
 
 The fold runs once more over all observations and leaves its evidence (`SessionState.evidence`);
-floors are decided forward and backward, the path by `app.core.fusion.smoother`.
+floors are decided forward and backward. Two smoothers draw the path, and the track lies between
+them: particles from both ends (`app.core.fusion.both_ways`), and a Kalman smoother that begins
+with the path of those (`app.core.fusion.smoother`). One knows ways and keeps several places alive,
+the other keeps one bias and one step length over the whole walk, and they err apart.
 """
 
 import math
@@ -13,24 +16,25 @@ import numpy as np
 
 from app.core.engine.fixing import leaked, trusted
 from app.core.engine.pipeline import advance, end
-from app.core.engine.place import place_of
 from app.core.engine.report import calibrated, radius95_m
+from app.core.engine.standing import ground_of
 from app.core.engine.state import SessionState, start
+from app.core.fusion.both_ways import follow_both_ways
+from app.core.fusion.ground import Ground
 from app.core.fusion.smoother import Leg, Path, smooth
-from app.core.params import Params, ReportParams, SmootherParams
+from app.core.params import FusionParams, Params, ReportParams, SmootherParams
 from app.core.site import SiteModel
 from app.core.types import FloatArray, Observation, Output, TrackPoint
 
 
 @dataclass(slots=True)
 class _History:
-    """What the fold left: legs of the path with the causal guess of each, and the floor beliefs.
+    """What the fold left: legs of the path, and the floor beliefs.
 
     ``sighted`` counts the sightings up to and with each leg.
     """
 
     legs: list[Leg] = field(default_factory=list)
-    guess: list[tuple[FloatArray, FloatArray] | None] = field(default_factory=list)
     sighted: list[int] = field(default_factory=list)
     beliefs: list[FloatArray] = field(default_factory=list)
 
@@ -67,7 +71,6 @@ def smoothed(
 
 def _remember(history: _History, state: SessionState, time_s: float) -> None:
     evidence = state.evidence
-    guess = None if state.track is None else place_of(state.track)
     legs = [
         Leg(s.time_s, np.array([s.length_m]), np.array([s.heading_rad]), 0.0, None, None)
         for s in evidence.strides
@@ -78,7 +81,6 @@ def _remember(history: _History, state: SessionState, time_s: float) -> None:
         history.beliefs.append(state.floor_belief)
     for leg in legs:
         history.legs.append(leg)
-        history.guess.append(guess)
         history.sighted.append(len(history.beliefs))
 
 
@@ -101,7 +103,7 @@ def _placed(
         replace(leg, walkable=site.floors[int(np.argmax(belief))].walkable)
         for leg, belief in zip(history.legs, floor_of, strict=True)
     ]
-    path = smooth(legs, _first_guess(history), smoother)
+    path = _path(legs, [ground_of(belief, site) for belief in floor_of], params.fusion, smoother)
     times = [leg.time_s for leg in legs]
     placed = []
     for point in points:
@@ -111,11 +113,14 @@ def _placed(
     return tuple(placed)
 
 
-def _first_guess(history: _History) -> Path:
-    """Return the causal path; before its first fix, that fix."""
-    first = next(guess for guess in history.guess if guess is not None)
-    guesses = [first if guess is None else guess for guess in history.guess]
-    return Path(np.array([place for place, _ in guesses]), np.array([c for _, c in guesses]))
+def _path(
+    legs: list[Leg], floors: list[Ground], fusion: FusionParams, smoother: SmootherParams
+) -> Path:
+    believed = replace(fusion, tempering=smoother.tempering, way_weight=smoother.way_weight)
+    both_ways = follow_both_ways(legs, floors, believed)
+    kalman = smooth(legs, both_ways, smoother)
+    share = smoother.both_ways_share
+    return Path(share * both_ways.place + (1.0 - share) * kalman.place, kalman.covariance)
 
 
 def _smoothed_floors(history: _History, params: Params) -> list[FloatArray]:

@@ -61,7 +61,7 @@ def smooth(legs: list[Leg], guess: Path, params: SmootherParams) -> Path:
     Parameters
     ----------
     guess
-        A first path, e.g. the causal filter's.
+        A first path, e.g. that of `app.core.fusion.both_ways`.
     """
     path = guess
     strides = _strides(legs)
