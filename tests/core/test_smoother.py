@@ -12,7 +12,7 @@ from app.core.fusion.smoother import Leg, Path, smooth
 from app.core.geometry import Walkable
 from app.core.params import Params
 from app.core.simulate import walk, warehouse
-from app.core.types import TrackPoint
+from app.core.types import Method, TrackPoint
 
 PARAMS = Params()
 PLAIN = dataclasses.replace(PARAMS.smoother, student_dof=1e12, noise_ratio=1.0, passes=8)
@@ -102,6 +102,22 @@ def test_smoothed_walks_are_nearer_to_the_truth(world):
         causal.append(errors(points, walked))
         final.append(errors(track, walked))
     assert np.concatenate(final).mean() < 0.9 * np.concatenate(causal).mean()
+
+
+@pytest.mark.parametrize(("deaf_s", "told_s"), [(6.0, 6.0), (25.0, PARAMS.report.fused_s)])
+def test_a_stored_track_begins_before_the_first_fix(world, deaf_s, told_s):
+    walked = walk(world, 2, start_s=T0, duration_s=60.0)
+    late = [
+        o for o in walked.observations if not hasattr(o, "readings") or o.time_s >= T0 + deaf_s
+    ]
+    track = smoothed(late, world.site, PARAMS)
+    first = next(p for p in track if p.method is not Method.DEAD_RECKONING)
+    before = [p for p in track if p.time_s < first.time_s]
+    assert first.time_s - before[0].time_s == pytest.approx(told_s, abs=1.0)
+    assert errors(before, walked).max() < 6.0
+    assert all(p.age_s == first.time_s - p.time_s for p in before)
+    radii = [p.radius95_m for p in (*before, first)]
+    assert radii == sorted(radii, reverse=True)
 
 
 def test_a_session_without_any_fix_has_no_track(world):

@@ -24,7 +24,7 @@ from app.core.fusion.ground import Ground
 from app.core.fusion.smoother import Leg, Path, smooth
 from app.core.params import FusionParams, Params, ReportParams, SmootherParams
 from app.core.site import SiteModel
-from app.core.types import FloatArray, Observation, Output, TrackPoint
+from app.core.types import FloatArray, Method, Observation, Output, TrackPoint, Used
 
 
 @dataclass(slots=True)
@@ -52,8 +52,8 @@ def smoothed(
     Returns
     -------
     tuple of TrackPoint
-        At the seconds, and the end, at which the causal track has a point; that track itself where
-        the profile has no smoother.
+        At the seconds, and the end, at which the causal track has a point, and at those before its
+        first one that what came later tells; that track itself where the profile has no smoother.
     """
     state, history = start(), _History()
     outputs: list[Output] = []
@@ -63,9 +63,11 @@ def smoothed(
         outputs.extend(new)
     state, last = end(state, site, params)
     _remember(history, state, math.inf)
-    points = [o for o in (*outputs, *last) if isinstance(o, TrackPoint)]
+    outputs.extend(last)
+    points = [output for output in outputs if isinstance(output, TrackPoint)]
     if params.smoother is None or not points:
         return tuple(points)
+    points = _beginning(outputs, points[0], params.report) + points
     return _placed(points, history, (site, params), params.smoother)
 
 
@@ -82,6 +84,27 @@ def _remember(history: _History, state: SessionState, time_s: float) -> None:
     for leg in legs:
         history.legs.append(leg)
         history.sighted.append(len(history.beliefs))
+
+
+def _beginning(outputs: list[Output], first: TrackPoint, report: ReportParams) -> list[TrackPoint]:
+    """Return points for the seconds before the first fix: no longer than one told a place after it.
+
+    A causal track has none there, since nothing had told the place yet.
+    """
+    begin_s = first.time_s - report.fused_s
+    return [
+        replace(
+            first,
+            time_s=output.time_s,
+            speed_mps=0.0,
+            heading_rad=None,
+            method=Method.DEAD_RECKONING,
+            used=Used(),
+            age_s=first.time_s - output.time_s,
+        )
+        for output in outputs
+        if begin_s <= output.time_s < first.time_s
+    ]
 
 
 def _placed(
@@ -105,10 +128,12 @@ def _placed(
     ]
     path = _path(legs, [ground_of(belief, site) for belief in floor_of], params.fusion, smoother)
     times = [leg.time_s for leg in legs]
+    told_s = next(leg.time_s for leg in legs if leg.sighting is not None)
     placed = []
     for point in points:
         at = max(bisect_right(times, point.time_s) - 1, 0)
-        moved = _moved(point, path, at, report)
+        unseen_m2 = params.fusion.unseen_m2ps * max(told_s - point.time_s, 0.0)
+        moved = _moved(point, path.place[at], path.covariance[at] + unseen_m2 * np.eye(2), report)
         placed.append(_on_floor(moved, floor_of[at], site))
     return tuple(placed)
 
@@ -138,12 +163,14 @@ def _smoothed_floors(history: _History, params: Params) -> list[FloatArray]:
     return out
 
 
-def _moved(point: TrackPoint, path: Path, at: int, report: ReportParams) -> TrackPoint:
-    xx, xy, yy = calibrated(path.covariance[at], report)
+def _moved(
+    point: TrackPoint, place: FloatArray, covariance: FloatArray, report: ReportParams
+) -> TrackPoint:
+    xx, xy, yy = calibrated(covariance, report)
     return replace(
         point,
-        x_m=float(path.place[at, 0]),
-        y_m=float(path.place[at, 1]),
+        x_m=float(place[0]),
+        y_m=float(place[1]),
         covariance_m2=(xx, xy, yy),
         radius95_m=radius95_m(xx, xy, yy),
     )
