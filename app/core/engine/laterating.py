@@ -69,7 +69,7 @@ def laterate(state: SessionState, scan: BleScan, site: SiteModel, params: Params
         return state
     worth, last_s = 1.0 / _alike(before, scan.time_s, params), before.lateration.told_s
     elapsed_s = 0.0 if last_s is None else scan.time_s - last_s
-    return doubt(state, (levels, model, worth), elapsed_s, (site, floor), params)
+    return doubt(state, (window, levels, model, worth), elapsed_s, (site, floor), params)
 
 
 def _sight(
