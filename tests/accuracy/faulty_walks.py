@@ -26,6 +26,8 @@ from app.core.types import Anchor, BleScan, Observation, TrackPoint, WifiScan
 KINDS = ("dead", "moved", "duplicated")
 BAD_ONE_IN, MOVED_M = 8, 15.0
 NEAR_M, NAMED_S, STAY_S = 6.0, 10, 4
+LATER_S = 0.2
+"""Two transmitters do not send at the same instants."""
 START_S, DURATION_S = 1_790_000_000.0, 120
 HEADING = (
     "| bad beacons | error m | ratio | of first 10 s | false | dead | moved | duplicated |\n"
@@ -109,7 +111,8 @@ def with_faults(
             told.append(observation)
         else:
             here = [r for r in observation.readings if r.keys not in gone]
-            here += [r for r in far_by_s[observation.time_s].readings if r.keys in added]
+            far_readings = far_by_s[observation.time_s].readings
+            here += [replace(r, age_s=r.age_s - LATER_S) for r in far_readings if r.keys in added]
             told.append(BleScan(observation.time_s, tuple(here)))
     return told
 

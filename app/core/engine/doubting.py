@@ -1,5 +1,6 @@
 """Anchors under suspicion: which ones lateration leaves out, and what a scan says of each."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -8,15 +9,20 @@ from app.core.engine.anchoring import anchor_floors, wall_loss_db
 from app.core.engine.place import place_of
 from app.core.engine.state import SessionState, changed
 from app.core.lateration.faults import (
+    DUPLICATED,
     Fault,
     FaultParams,
     at_fault,
-    fault_probability,
     heard_evidence,
     judged,
     silent_evidence,
 )
-from app.core.lateration.posterior import LocalLevels, PhoneOffset, residuals_at
+from app.core.lateration.posterior import (
+    USUAL_FAULT,
+    LocalLevels,
+    PhoneOffset,
+    residuals_at,
+)
 from app.core.lateration.two_levels import two_levels
 from app.core.params import Params
 from app.core.radio.path_loss import DZ2, SIGMA, SLOPE, LevelModel
@@ -26,8 +32,12 @@ from app.core.types import FloatArray, IntArray
 
 FAULTS = FaultParams()
 
+LEFT_OUT_FAULT = 0.99
+"""Nothing is left of the anchor's word, yet the likelihood stays finite."""
+
 NEW_AT_MOST = 0.5
-"""Share of a scan's levels that is news, at most: windows overlap by half."""
+"""Share of a scan's levels that is news, at most: windows overlap by half, and by more where scans
+come more often than every second."""
 
 NEWS_GAIN = 4.0
 """How much more than one level's the news of all of them is: where shadowing errs, the filter's
@@ -39,7 +49,7 @@ NEAR_M = 15.0
 SURE_OF_FLOOR = 0.99
 """On stairs, levels of either floor are wrong, and no anchor is to blame."""
 
-OFFSET_SIGMA_DB = 2.0
+OFFSET_SIGMA_DB = 4.0
 """Hands and bodies move about a phone: its offset is never known better."""
 
 HEIGHT_M = 1.2
@@ -53,22 +63,21 @@ ROBUST_SIGMA = 1.4826
 """Standard deviation over the median of absolute deviations, of normal ones."""
 
 
-def fault_of_heard(state: SessionState, levels: LocalLevels, site: SiteModel) -> FloatArray:
-    """Return the probability (anchors,) that each of the anchors heard is at fault.
-
-    Where too many are, the filter is lost, and none is believed to be more than usual.
-    """
-    odds = state.lateration.fault_log_odds
-    heard = [site.anchors[i].anchor_id for i in levels.anchor_index]
-    probability = fault_probability(odds, heard, FAULTS)
-    if odds and not at_fault(odds, len(heard), FAULTS):
-        return np.minimum(probability, 0.5)
-    return probability
-
-
 def left_out(state: SessionState, heard: int) -> dict[str, Fault | None]:
     """Return the anchors that are more likely at fault than not, each with its fault."""
     return at_fault(state.lateration.fault_log_odds, heard, FAULTS)
+
+
+def fault_of_heard(
+    out: Mapping[str, Fault | None], levels: LocalLevels, site: SiteModel
+) -> FloatArray:
+    """Return the probability (anchors,) that each anchor heard is at fault: those left out are.
+
+    Suspicion short of that changes nothing. If it did, the place would turn from the suspect's
+    level to fit the others, which makes the suspect fit worse: doubt would feed itself.
+    """
+    is_out = [site.anchors[i].anchor_id in out for i in levels.anchor_index]
+    return np.where(is_out, LEFT_OUT_FAULT, USUAL_FAULT)
 
 
 def doubt(
@@ -94,7 +103,8 @@ def doubt(
         return state
     evidence: dict[str, list[float]] = {}
     if state.floor_belief.max() >= SURE_OF_FLOOR:
-        evidence = _evidence(state, scan, where, params)
+        new = min(elapsed_s / params.lateration.window_s, NEW_AT_MOST)
+        evidence = _evidence(state, scan, new, where, params)
     odds = judged(state.lateration.fault_log_odds, evidence, elapsed_s, FAULTS)
     return changed(state, lateration=replace(state.lateration, fault_log_odds=odds))
 
@@ -102,14 +112,14 @@ def doubt(
 def _evidence(
     state: SessionState,
     scan: tuple[Window, LocalLevels, LevelModel, float],
+    new: float,
     where: tuple[SiteModel, int],
     params: Params,
 ) -> dict[str, list[float]]:
-    """Return what the scan says of each anchor, by its id."""
+    """Return what the scan says of each anchor, by its id; ``new``: the share of it that is."""
     (window, levels, model, worth), (site, _) = scan, where
     if state.track is None:
         return {}
-    news = min(NEWS_GAIN * worth, NEW_AT_MOST)
     offset = state.lateration.offset or PhoneOffset(0.0, params.lateration.offset_prior_db)
     points = _points(*place_of(state.track), params)
     loss_db = [wall_loss_db(site, int(i)) for i in levels.anchor_index]
@@ -118,12 +128,13 @@ def _evidence(
     # Where most fit badly the place is wrong.
     scatter_db = ROBUST_SIGMA * float(np.median(np.abs(residual_db[0])))
     sigma_db = np.maximum(sigma_db, scatter_db)
-    doubled = two_levels(window, len(levels.anchor_index))
-    found = news * heard_evidence(residual_db, POINT_WEIGHT, sigma_db, doubled, FAULTS)
-    ids = [site.anchors[i].anchor_id for i in levels.anchor_index]
-    evidence = dict(zip(ids, found.tolist(), strict=True))
-    evidence |= _silent(levels, model, where, points, offset, scatter_db)
-    return evidence
+    found = heard_evidence(residual_db, POINT_WEIGHT, sigma_db, FAULTS)
+    found *= min(NEWS_GAIN * worth, new)
+    # Fading changes faster than shadowing: each new reading is news.
+    found[:, DUPLICATED] += new * two_levels(window, len(levels.anchor_index))
+    silent, told = _silent(levels, model, where, points, offset, scatter_db)
+    ids = [site.anchors[i].anchor_id for i in (*levels.anchor_index, *silent)]
+    return dict(zip(ids, [*found.tolist(), *(new * told).tolist()], strict=True))
 
 
 def _points(place: FloatArray, covariance: FloatArray, params: Params) -> FloatArray:
@@ -153,14 +164,14 @@ def _silent(
     points: FloatArray,
     offset: PhoneOffset,
     scatter_db: float,
-) -> dict[str, list[float]]:
-    """Return what the anchors of the floor tell that are near and not heard."""
+) -> tuple[IntArray, FloatArray]:
+    """Return the anchors of the floor that are near and not heard, and what that says of each."""
     site, floor = where
     on_floor = np.flatnonzero(anchor_floors(site) == floor)
     unheard = np.setdiff1d(on_floor, levels.anchor_index)
     near = unheard[np.hypot(*(model.table[unheard, :2] - points[0]).T) < NEAR_M]
     if not len(near):
-        return {}
+        return near, np.empty((0, len(Fault)))
     count = len(near)
     nothing = LocalLevels(
         near, np.zeros(count), np.ones(count), np.zeros(count), np.zeros((count, 2))
@@ -169,5 +180,4 @@ def _silent(
     expected_dbm = offset.mean_db - residuals_at(nothing, model, loss_db, points)
     above_db = expected_dbm - levels.level_dbm.min()
     sigma_db = np.maximum(_sigma_db(model, near, points[0], offset), scatter_db)
-    told = NEW_AT_MOST * silent_evidence(above_db, POINT_WEIGHT, sigma_db, FAULTS)
-    return {site.anchors[i].anchor_id: row for i, row in zip(near, told.tolist(), strict=True)}
+    return near, silent_evidence(above_db, POINT_WEIGHT, sigma_db, FAULTS)

@@ -13,12 +13,12 @@ as the filter holds it (its spread stands in points of weight w_j), S the span o
 share of surprises that no model explains:
 
     heard       p_healthy = (1 - e) sum w_j N(r_j; s) + e / S,  p_moved = 1 / S,  p_dead = e / S,
-                p_duplicated = [p_healthy + sum w_j P(N(0; s) < r_j) / S] / 2, times what the
-                readings say of two levels at once (see `two_levels`)
+                p_duplicated = [p_healthy + sum w_j P(N(0; s) < r_j) / S] / 2
     not heard   p_healthy = p_duplicated = 1 - p_heard,  p_moved = 1 / 2,  p_dead = 1
     where it would have been loud
 
-Powers add, so a second transmitter makes an anchor louder, never quieter. ``s`` is the anchor's
+Powers add, so a second transmitter makes an anchor louder, never quieter; readings of two levels at
+once are evidence of their own (`app.core.lateration.two_levels`). ``s`` is the anchor's
 shadowing, or the scatter of the scan's residuals where that is larger: then the place is wrong, or
 the phone covered, and nobody is to be blamed. An anchor that is more likely at fault than not is
 left out. Where more than a share of the anchors is, the place is wrong, and not they.
@@ -63,7 +63,7 @@ class FaultParams:
     Attributes
     ----------
     prior_log_odds_ratio
-        Of each kind: one anchor in thirty is at fault.
+        Of each kind: one anchor in fifty has it.
     most_log_odds_ratio
         Bound of the log-odds: a mended anchor is believed again after as many scans as a bad one
         took.
@@ -80,7 +80,7 @@ class FaultParams:
         The kind is told where it is this many times as likely as each other one.
     """
 
-    prior_log_odds_ratio: float = -4.5
+    prior_log_odds_ratio: float = -4.0
     most_log_odds_ratio: float = 4.0
     memory_s: float = 90.0
     heard_share: float = 0.97
@@ -93,7 +93,6 @@ def heard_evidence(
     residual_db: FloatArray,
     weight: FloatArray,
     sigma_db: FloatArray,
-    two_levels: FloatArray,
     params: FaultParams,
 ) -> FloatArray:
     """Return ``ln(p_k / p_healthy)`` of anchors that were heard, (anchors, kinds).
@@ -106,8 +105,6 @@ def heard_evidence(
         Of the points; their sum is 1.
     sigma_db : (anchors,)
         How far levels are from the model's.
-    two_levels : (anchors,)
-        See `two_levels`.
     """
     surprise = params.surprise_share
     z = residual_db / sigma_db
@@ -117,7 +114,7 @@ def heard_evidence(
     evidence = np.empty((residual_db.shape[1], len(Fault)))
     evidence[:, DEAD] = math.log(surprise / LIKELY_SPAN_DB) - np.log(healthy)
     evidence[:, MOVED] = -math.log(LIKELY_SPAN_DB) - np.log(healthy)
-    evidence[:, DUPLICATED] = np.log(doubled / healthy) + two_levels
+    evidence[:, DUPLICATED] = np.log(doubled / healthy)
     return evidence
 
 
@@ -177,15 +174,6 @@ def judged(
         for anchor_id, odds, keep in zip(ids, after.tolist(), worth_keeping, strict=True)
         if keep
     }
-
-
-def fault_probability(
-    log_odds: Mapping[str, LogOdds], anchor_ids: Sequence[str], params: FaultParams
-) -> FloatArray:
-    """Return the probability (anchors,) that each of these is at fault, whatever the fault."""
-    usual = (params.prior_log_odds_ratio,) * len(Fault)
-    odds = np.exp([log_odds.get(anchor_id, usual) for anchor_id in anchor_ids]).sum(axis=1)
-    return np.asarray(odds / (1.0 + odds))
 
 
 def at_fault(

@@ -30,8 +30,8 @@ LEAST_READINGS, LEAST_PART, LEAST_RUNS = 5, 2, 3
 LEAST_NOISE_DB = 3.0
 """Fading, averaged over what a receiver averages, is rarely less."""
 
-MOST = 4.0
-"""No window says more: fading is not normal."""
+MOST = 6.0
+"""No window says more, since fading is not normal: one alone names nobody."""
 
 
 def two_levels(window: Window, anchors: int) -> FloatArray:
