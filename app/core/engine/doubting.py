@@ -49,7 +49,7 @@ NEAR_M = 15.0
 SURE_OF_FLOOR = 0.99
 """On stairs, levels of either floor are wrong, and no anchor is to blame."""
 
-OFFSET_SIGMA_DB = 4.0
+OFFSET_SIGMA_DB = 3.0
 """Hands and bodies move about a phone: its offset is never known better."""
 
 HEIGHT_M = 1.2
