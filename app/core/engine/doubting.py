@@ -167,8 +167,9 @@ def _silent(
 ) -> tuple[IntArray, FloatArray]:
     """Return the anchors of the floor that are near and not heard, and what that says of each."""
     site, floor = where
-    on_floor = np.flatnonzero(anchor_floors(site) == floor)
-    unheard = np.setdiff1d(on_floor, levels.anchor_index)
+    is_unheard = anchor_floors(site) == floor
+    is_unheard[levels.anchor_index] = False
+    unheard = np.flatnonzero(is_unheard)
     near = unheard[np.hypot(*(model.table[unheard, :2] - points[0]).T) < NEAR_M]
     if not len(near):
         return near, np.empty((0, len(Fault)))

@@ -44,17 +44,33 @@ def two_levels(window: Window, anchors: int) -> FloatArray:
     window
         Readings of ``anchors`` different anchors, sorted by anchor, then time.
     """
-    first = np.flatnonzero(np.diff(window.anchor_index, prepend=-1))
-    border = np.append(first, len(window)).astype(np.int64)
-    gain_db2, variance_db2, part = _parted(window.rssi_dbm, border)
-    known = variance_db2[variance_db2 >= 0.0]
-    usual_db2 = float(np.median(known)) if len(known) else 0.0
-    noise_db2 = max(usual_db2, LEAST_NOISE_DB**2)
-    count = np.diff(border)
-    span = SPAN_DB**2 * np.maximum(part, 1) / (2.0 * np.pi * noise_db2)
-    told = 0.5 * gain_db2 / noise_db2 - count * np.log(2.0) - 0.5 * np.log(span)
-    told = np.where(part > 0, told, -np.inf)
-    return np.asarray(np.clip(told, 0.0, MOST))
+    return _told(window.anchor_index, window.rssi_dbm, anchors)
+
+
+@njit(cache=True)
+def _told(
+    anchor_index: IntArray, rssi_dbm: FloatArray, anchors: int
+) -> FloatArray:  # pragma: no cover - compiled
+    border = np.zeros(anchors + 1, dtype=np.int64)
+    i = 0
+    for k in range(1, len(anchor_index)):
+        if anchor_index[k] != anchor_index[k - 1]:
+            i += 1
+            border[i] = k
+    border[anchors] = len(anchor_index)
+    gain_db2, variance_db2, part = _parted(rssi_dbm, border)
+    noise_db2 = LEAST_NOISE_DB**2
+    known_db2 = variance_db2[variance_db2 >= 0.0]
+    if len(known_db2):
+        noise_db2 = max(np.median(known_db2), noise_db2)
+    told = np.zeros(anchors)
+    for i in range(anchors):
+        if part[i] > 0:
+            span = SPAN_DB * np.sqrt(part[i] / (2.0 * np.pi * noise_db2))
+            bayes = 0.5 * gain_db2[i] / noise_db2 - np.log(span)
+            bayes -= (border[i + 1] - border[i]) * np.log(2.0)
+            told[i] = min(max(bayes, 0.0), MOST)
+    return told
 
 
 @njit(cache=True)
