@@ -18,10 +18,11 @@ share of surprises that no model explains:
     where it would have been loud
 
 Powers add, so a second transmitter makes an anchor louder, never quieter; readings of two levels at
-once are evidence of their own (`app.core.lateration.two_levels`). ``s`` is the anchor's
-shadowing, or the scatter of the scan's residuals where that is larger: then the place is wrong, or
-the phone covered, and nobody is to be blamed. An anchor that is more likely at fault than not is
-left out. Where more than a share of the anchors is, the place is wrong, and not they.
+once are evidence of their own (`app.core.lateration.two_levels`). ``s`` is the anchor's shadowing,
+or the scatter of the scan's residuals where that is larger: then the place is wrong, or the phone
+covered, and nobody is to be blamed. An anchor that is more likely at fault than not is named and
+left out; short of that it counts fully. Where more than a share of the anchors is, the place is
+wrong, and not they.
 
 Sources: Bayes; Page, "Continuous inspection schemes", Biometrika 41, 1954 (accumulating such
 log-likelihood ratios); Julier and Uhlmann, "Unscented filtering", Proc. IEEE 92, 2004 (the points).
