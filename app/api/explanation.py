@@ -6,6 +6,7 @@ from app.api.fix import Json, iso_time
 from app.api.fix_openapi import NO_FIX, NULLABLE_FIX
 from app.core.engine import Explanation
 from app.core.engine.explanation import Use
+from app.core.lateration.faults import Fault
 from app.core.motion.mode import MotionEvidence
 from app.core.types import Method, MotionMode
 
@@ -61,7 +62,10 @@ def explanation_json(explanation: Explanation) -> Json:
             "acc_variance_m2ps4": motion.acc_variance_m2ps4,
             "velocity_chi2": motion.velocity_chi2,
         },
-        "faults": list(explanation.faults),
+        "faults": [
+            {"beacon_id": one.anchor_id, "kind": None if one.fault is None else one.fault.value}
+            for one in explanation.faults
+        ],
     }
 
 
@@ -144,7 +148,16 @@ EXPLANATION: Schema = _object(
         acc_variance_m2ps4=_MAYBE_NUMBER,
         velocity_chi2=_MAYBE_NUMBER,
     ),
-    faults={**_list(_TEXT), "description": "Ids of beacons held for dead, moved or duplicated."},
+    faults=_list(
+        _object(
+            "A beacon that the fix does not rest on, since it is more likely at fault than not.",
+            beacon_id=_TEXT,
+            kind={
+                "enum": [*(fault.value for fault in Fault), None],
+                "description": "Null: that something is wrong is clear, but not yet what.",
+            },
+        )
+    ),
 )
 
 EXPLAINED_FIX_REPLY: Schema = {

@@ -9,13 +9,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from app.core.engine import PROFILES, advance, explained, finish, start
-from app.core.engine.explanation import Use
+from app.core.engine.explanation import BlamedAnchor, Use
 from app.core.fingerprint.radio_map import Fingerprint, build_radio_map
 from app.core.fusion.ground import ground
 from app.core.fusion.innovation import innovation_of_particles, innovation_of_planar
 from app.core.fusion.particles import Particles, update
 from app.core.fusion.planar import PlanarTrack
 from app.core.fusion.sighting import Sighting
+from app.core.lateration.faults import Fault
 from app.core.motion.mode import MotionEvidence
 from app.core.params import FusionParams, Params
 from app.core.site import Floor, SiteModel
@@ -211,10 +212,12 @@ def test_a_faulty_beacon_is_named_and_gated() -> None:
     healthy = explained(state, BEACON_SITE, PARAMS)
     assert healthy is not None
     assert healthy.faults == ()
-    doubted = replace(state.told, evidence=replace(state.told.evidence, left_out=("a1",)))
+    doubted = replace(
+        state.told, evidence=replace(state.told.evidence, left_out={"a1": Fault.MOVED})
+    )
     told = explained(replace(state, told=doubted), BEACON_SITE, PARAMS)
     assert told is not None
-    assert told.faults == ("a1",)
+    assert told.faults == (BlamedAnchor("a1", Fault.MOVED),)
     assert {one.anchor_id for one in told.transmitters if one.use is Use.GATED} == {"a1"}
 
 

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from lateration_room import CORNERS, NOW_S, anchors_at, corners_and_middles, window_at
 
-from app.core.lateration.faults import FaultParams, at_fault, heard_evidence, judged
 from app.core.lateration.posterior import (
     PhoneOffset,
     PlacePosterior,
@@ -124,19 +123,3 @@ def test_displacement_since_a_level_is_undone() -> None:
     assert error_m(place_posterior(told, model, loss_db, EXACT, prior), (6.0, 5.0)) < 0.4
     assert error_m(place_posterior(levels, model, loss_db, EXACT, prior), (6.0, 5.0)) > 1.0
     assert np.isfinite(expected_levels(model, np.array([6.0]), np.array([5.0]))).all()
-
-
-def test_evidence_of_a_fault_accumulates_and_is_forgotten() -> None:
-    params, odds = FaultParams(), dict[str, float]()
-    assert heard_evidence(0.0, 5.0) < 0.0 < heard_evidence(20.0, 5.0)
-    for _ in range(10):
-        odds = judged(odds, {"bad": heard_evidence(20.0, 5.0), "good": -1.0}, 1.0, params)
-    assert at_fault(odds, 8, params) == {"bad"}
-    assert "good" not in odds
-    assert at_fault(judged(odds, {}, 5 * params.memory_s, params), 8, params) == frozenset()
-
-
-def test_where_most_anchors_seem_wrong_it_is_the_place() -> None:
-    odds = dict.fromkeys("abcd", 2.0)
-    assert at_fault(odds, 8, FaultParams()) == frozenset()
-    assert at_fault(odds, 12, FaultParams()) == set("abcd")

@@ -5,6 +5,7 @@ from statistics import median
 import numpy as np
 
 from app.core.engine.explanation import (
+    BlamedAnchor,
     CandidatePlace,
     Explanation,
     FloorVote,
@@ -55,7 +56,7 @@ def explained(state: SessionState, site: SiteModel, params: Params) -> Explanati
         gate=gate,
         floors=floors,
         motion=motion,
-        faults=told.evidence.left_out,
+        faults=tuple(BlamedAnchor(*each) for each in told.evidence.left_out.items()),
     )
 
 

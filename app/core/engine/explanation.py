@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from enum import StrEnum
 
+from app.core.lateration.faults import Fault
 from app.core.motion.mode import MotionEvidence
 from app.core.types import Method, MotionMode, Output
 
@@ -90,6 +91,14 @@ class FloorVote:
 
 
 @dataclass(frozen=True, slots=True)
+class BlamedAnchor:
+    """An anchor that is more likely at fault than not; ``fault`` None: how cannot be told yet."""
+
+    anchor_id: str
+    fault: Fault | None
+
+
+@dataclass(frozen=True, slots=True)
 class MotionReason:
     """The motion mode, the evidence that decided it, and all the numbers there are.
 
@@ -132,7 +141,7 @@ class Explanation:
     gate
         None where there was nothing to predict from yet.
     faults
-        Ids of the anchors that are held for dead, moved or duplicated.
+        The anchors that are held for dead, moved or duplicated, by id.
     """
 
     output: Output
@@ -144,4 +153,4 @@ class Explanation:
     gate: Gate | None
     floors: tuple[FloorVote, ...]
     motion: MotionReason
-    faults: tuple[str, ...] = ()
+    faults: tuple[BlamedAnchor, ...] = ()

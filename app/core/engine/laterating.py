@@ -69,7 +69,7 @@ def laterate(state: SessionState, scan: BleScan, site: SiteModel, params: Params
         return state
     worth, last_s = 1.0 / _alike(before, scan.time_s, params), before.lateration.told_s
     elapsed_s = 0.0 if last_s is None else scan.time_s - last_s
-    return doubt(state, (levels, model, worth), elapsed_s, (site, floor), params)
+    return doubt(state, (window, levels, model, worth), elapsed_s, (site, floor), params)
 
 
 def _sight(
@@ -82,7 +82,9 @@ def _sight(
 ) -> SessionState:
     site, floor = where
     model = anchor_levels(site, params.lateration.phone_height_m)
-    memory, fault = state.lateration, fault_of_heard(state, levels, site)
+    memory, heard = state.lateration, len(levels.anchor_index)
+    out = left_out(state, heard)
+    fault = fault_of_heard(out, levels, site)
     offset = memory.offset or PhoneOffset(0.0, params.lateration.offset_prior_db)
     loss_db = [wall_loss_db(site, int(i)) for i in levels.anchor_index]
     heard_m = model.table[levels.anchor_index, X : Y + 1]
@@ -100,11 +102,10 @@ def _sight(
         # An anchor at fault says nothing of the phone.
         wary = replace(levels, sigma_db=levels.sigma_db * np.sqrt(alike / (1.0 - fault)))
         offset = offset_at(wary, model, loss_db, offset, place)
-    heard = len(levels.anchor_index)
     return changed(
         state,
         used=Used(beacons=heard),
-        evidence=replace(state.evidence, left_out=left_out(state, heard)),
+        evidence=replace(state.evidence, left_out=out),
         lateration=replace(memory, told_s=time_s, offset=offset),
     )
 

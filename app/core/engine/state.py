@@ -11,6 +11,7 @@ from app.core.fusion.particles import Particles
 from app.core.fusion.planar import PlanarTrack
 from app.core.fusion.scheduled import ScheduledMemory
 from app.core.fusion.sighting import Sighting
+from app.core.lateration.faults import Fault, LogOdds
 from app.core.lateration.posterior import PhoneOffset
 from app.core.motion.mode import MotionState
 from app.core.motion.steps import StepDetector
@@ -45,14 +46,15 @@ class Evidence:
 
     ``strides`` whose time had come, ``drift_m2`` of motion that nothing showed, a ``sighting`` and
     the ``means`` by which it was made;
-    ``left_out`` are the ids of the anchors that it does not rest on, being at fault.
+    ``left_out`` are the anchors that it does not rest on, by id, each with its fault (None: that
+    cannot be told).
     """
 
     strides: tuple[Stride, ...] = ()
     drift_m2: float = 0.0
     sighting: Sighting | None = None
     means: Method | None = None
-    left_out: tuple[str, ...] = ()
+    left_out: dict[str, Fault | None] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,7 +103,7 @@ class LaterationMemory:
 
     told_s: float | None = None
     offset: PhoneOffset | None = None
-    fault_log_odds: dict[str, float] = field(default_factory=dict)
+    fault_log_odds: dict[str, LogOdds] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -1,31 +1,60 @@
-"""Anchors that are not where, or not what, the registry says: moved, doubled or dead.
+"""Anchors that are not where, or not what, the registry says: dead, moved or duplicated.
 
 Equation
 --------
-The log-odds ``l_i`` that anchor i is at fault start at ``l_0`` and forget with time. Each scan adds
-what it tells, times how much of it is new (``w``: shadowing errs alike around a place)::
+Each anchor has log-odds ``l_k`` of every fault k against being healthy. They start at ``l_0`` and
+forget with time; each scan adds what it tells, times how much of it is new (``w``: shadowing errs
+alike around a place)::
 
-    l_i <- l_0 + (l_i - l_0) exp(-dt / T) + w d_i
-    heard:   d_i = z_i^2 / 2 - ln(span / (sqrt(2 pi) s_i)),   z_i = (u_i - h_i(p)) / s_i
-    silent:  d_i = ln(1 / (1 - p_heard))                      where it would have been loud
+    l_k <- l_0 + (l_k - l_0) exp(-dt / T) + w ln(p_k / p_healthy)
 
-``p`` is where the filter holds the phone to be, ``s_i^2 = sigma_i^2 + g_i' P g_i`` shadowing and
-what the filter does not know. A healthy anchor's residual is normal; one that was moved or doubled
-gives any level within the span; a dead one none. Above 0 an anchor is more likely at fault than not
-and is left out. Where more than a share of the anchors is, the place is wrong, and not they.
+With ``r = u - h(p)`` the level heard less the one expected, where the place p is only known as well
+as the filter holds it (its spread stands in points of weight w_j), S the span of levels, and e the
+share of surprises that no model explains:
+
+    heard       p_healthy = (1 - e) sum w_j N(r_j; s) + e / S,  p_moved = 1 / S,  p_dead = e / S,
+                p_duplicated = [p_healthy + sum w_j P(N(0; s) < r_j) / S] / 2
+    not heard   p_healthy = p_duplicated = 1 - p_heard,  p_moved = 1 / 2,  p_dead = 1
+    where it would have been loud
+
+Powers add, so a second transmitter makes an anchor louder, never quieter; readings of two levels at
+once are evidence of their own (`app.core.lateration.two_levels`). ``s`` is the anchor's shadowing,
+or the scatter of the scan's residuals where that is larger: then the place is wrong, or the phone
+covered, and nobody is to be blamed. An anchor that is more likely at fault than not is named and
+left out; short of that it counts fully. Where more than a share of the anchors is, the place is
+wrong, and not they.
 
 Sources: Bayes; Page, "Continuous inspection schemes", Biometrika 41, 1954 (accumulating such
-log-likelihood ratios).
+log-likelihood ratios); Julier and Uhlmann, "Unscented filtering", Proc. IEEE 92, 2004 (the points).
 """
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from enum import StrEnum
+from typing import TypeAlias
 
 import numpy as np
+from scipy.special import ndtr
 
-from app.core.lateration.posterior import SPAN_DB
 from app.core.types import FloatArray
+
+
+class Fault(StrEnum):
+    """What may be wrong with an anchor."""
+
+    DEAD = "dead"
+    MOVED = "moved"
+    DUPLICATED = "duplicated"
+
+
+LIKELY_SPAN_DB = 40.0
+"""Levels of a beacon that is heard from anywhere: from faint to loud."""
+
+DEAD, MOVED, DUPLICATED = range(len(Fault))
+
+LogOdds: TypeAlias = tuple[float, ...]
+"""Of each `Fault`, in their order, against being healthy."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +64,7 @@ class FaultParams:
     Attributes
     ----------
     prior_log_odds_ratio
-        One anchor in fifty is at fault.
+        Of each kind: one anchor in fifty has it.
     most_log_odds_ratio
         Bound of the log-odds: a mended anchor is believed again after as many scans as a bad one
         took.
@@ -44,37 +73,78 @@ class FaultParams:
     heard_share
         Share of the windows in which a loud anchor is heard; scanners pause, advertisements
         collide.
-    loud_db
-        This far above the weakest level heard an anchor is loud: three times the usual shadowing.
+    surprise_share
+        e above; it bounds what one scan can say against an anchor.
     most_share
         No more than this share of the anchors is ever at fault.
+    told_ratio
+        The kind is told where it is this many times as likely as each other one.
     """
 
     prior_log_odds_ratio: float = -4.0
     most_log_odds_ratio: float = 4.0
     memory_s: float = 90.0
     heard_share: float = 0.97
-    loud_db: float = 15.0
+    surprise_share: float = 0.005
     most_share: float = 0.34
+    told_ratio: float = 3.0
 
 
-def heard_evidence(residual_db: float, sigma_db: float) -> float:
-    """Return d of an anchor that was heard."""
+def heard_evidence(
+    residual_db: FloatArray,
+    weight: FloatArray,
+    sigma_db: FloatArray,
+    params: FaultParams,
+) -> FloatArray:
+    """Return ``ln(p_k / p_healthy)`` of anchors that were heard, (anchors, kinds).
+
+    Parameters
+    ----------
+    residual_db : (points, anchors)
+        Level heard less the one expected, from each point where the phone may be.
+    weight : (points,)
+        Of the points; their sum is 1.
+    sigma_db : (anchors,)
+        How far levels are from the model's.
+    """
+    surprise = params.surprise_share
     z = residual_db / sigma_db
-    return 0.5 * z * z - math.log(SPAN_DB / (math.sqrt(2.0 * math.pi) * sigma_db))
+    normal = weight @ np.exp(-0.5 * z * z) / (math.sqrt(2.0 * math.pi) * sigma_db)
+    healthy = (1.0 - surprise) * normal + surprise / LIKELY_SPAN_DB
+    doubled = 0.5 * (healthy + weight @ ndtr(z) / LIKELY_SPAN_DB)
+    evidence = np.empty((residual_db.shape[1], len(Fault)))
+    evidence[:, DEAD] = math.log(surprise / LIKELY_SPAN_DB) - np.log(healthy)
+    evidence[:, MOVED] = -math.log(LIKELY_SPAN_DB) - np.log(healthy)
+    evidence[:, DUPLICATED] = np.log(doubled / healthy)
+    return evidence
 
 
-def silent_evidence(params: FaultParams) -> float:
-    """Return d of an anchor that was not heard where it would have been loud."""
-    return -math.log(1.0 - params.heard_share)
+def silent_evidence(
+    above_db: FloatArray, weight: FloatArray, sigma_db: FloatArray, params: FaultParams
+) -> FloatArray:
+    """Return ``ln(p_k / p_healthy)`` of anchors that were not heard, (anchors, kinds).
+
+    Parameters
+    ----------
+    above_db : (points, anchors)
+        Level expected less the weakest one heard, at each point where the phone may be.
+    weight, sigma_db
+        As in `heard_evidence`.
+    """
+    missed = 1.0 - params.heard_share
+    silent = weight @ (missed + (1.0 - missed) * ndtr(-above_db / sigma_db))
+    evidence = np.zeros((above_db.shape[1], len(Fault)))
+    evidence[:, DEAD] = -np.log(silent)
+    evidence[:, MOVED] = np.maximum(np.log(0.5 / silent), 0.0)
+    return evidence
 
 
 def judged(
-    log_odds: Mapping[str, float],
-    evidence: Mapping[str, float],
+    log_odds: Mapping[str, LogOdds],
+    evidence: Mapping[str, Sequence[float]],
     elapsed_s: float,
     params: FaultParams,
-) -> dict[str, float]:
+) -> dict[str, LogOdds]:
     """Return the log-odds after a scan; anchors that are not in it are at the prior.
 
     Parameters
@@ -82,32 +152,48 @@ def judged(
     log_odds
         Before, by anchor.
     evidence
-        ``w d`` by anchor, of those that the scan speaks of.
+        ``w ln(p_k / p_healthy)`` by anchor, of those that the scan speaks of.
     elapsed_s
         Since the scan before.
     """
     prior = params.prior_log_odds_ratio
     kept = math.exp(-elapsed_s / params.memory_s)
-    out = {}
-    for anchor_id in log_odds.keys() | evidence.keys():
-        before = log_odds.get(anchor_id, prior)
-        after = prior + (before - prior) * kept + evidence.get(anchor_id, 0.0)
-        # Healthy for an hour is no reason to need an hour to see that it was moved.
-        after = min(max(after, prior), params.most_log_odds_ratio)
-        if after > prior + 1e-3:
-            out[anchor_id] = after
-    return dict(sorted(out.items()))
+    ids = sorted(log_odds.keys() | evidence.keys())
+    if not ids:
+        return {}
+    usual, nothing = (prior,) * len(Fault), (0.0,) * len(Fault)
+    before = np.array([log_odds.get(anchor_id, usual) for anchor_id in ids])
+    after = prior + (before - prior) * kept
+    after += np.array([evidence.get(anchor_id, nothing) for anchor_id in ids])
+    # The likeliest at its bound, the others as far below it as they were.
+    after -= np.maximum(after.max(axis=1, keepdims=True) - params.most_log_odds_ratio, 0.0)
+    # Healthy for an hour is no reason to need an hour to see that it was moved.
+    after = np.maximum(after, prior)
+    worth_keeping = after.max(axis=1) > prior + 1e-3
+    return {
+        anchor_id: tuple(odds)
+        for anchor_id, odds, keep in zip(ids, after.tolist(), worth_keeping, strict=True)
+        if keep
+    }
 
 
-def fault_probability(
-    log_odds: Mapping[str, float], anchor_ids: Sequence[str], params: FaultParams
-) -> FloatArray:
-    """Return the probability (anchors,) that each of these is at fault."""
-    odds = [log_odds.get(anchor_id, params.prior_log_odds_ratio) for anchor_id in anchor_ids]
-    return np.asarray(1.0 / (1.0 + np.exp(-np.array(odds))))
+def at_fault(
+    log_odds: Mapping[str, LogOdds], heard: int, params: FaultParams
+) -> dict[str, Fault | None]:
+    """Return the anchors to leave out, of so many heard, and what is wrong with each.
+
+    None: that cannot be told yet. None at all are left out where they would be too many.
+    """
+    bad = {
+        anchor_id: _kind(odds, params)
+        for anchor_id, odds in sorted(log_odds.items())
+        if max(odds) > -math.log(len(Fault)) and math.fsum(map(math.exp, odds)) > 1.0
+    }
+    return bad if len(bad) <= max(1.0, params.most_share * heard) else {}
 
 
-def at_fault(log_odds: Mapping[str, float], heard: int, params: FaultParams) -> frozenset[str]:
-    """Return the anchors to leave out, of so many heard: none where they would be too many."""
-    bad = frozenset(anchor_id for anchor_id, odds in log_odds.items() if odds > 0.0)
-    return bad if len(bad) <= max(1.0, params.most_share * heard) else frozenset()
+def _kind(odds: LogOdds, params: FaultParams) -> Fault | None:
+    first, second = sorted(odds, reverse=True)[:2]
+    if first - second < math.log(params.told_ratio):
+        return None
+    return tuple(Fault)[odds.index(first)]

@@ -176,15 +176,18 @@ def residuals_db(
     levels: LocalLevels, model: LevelModel, loss_db: Sequence[FloatArray], place: FloatArray
 ) -> FloatArray:
     """Return measured minus expected level (anchors,) at a place (2,), for a phone of offset 0."""
+    return np.asarray(residuals_at(levels, model, loss_db, place[None, :])[0])
+
+
+def residuals_at(
+    levels: LocalLevels, model: LevelModel, loss_db: Sequence[FloatArray], places: FloatArray
+) -> FloatArray:
+    """Return the same for several places (places, 2): (places, anchors)."""
     heard = _as_seen_now(levels, model)
-    residual = np.empty(len(heard))
-    _fill_residuals(
-        (levels.level_dbm, levels.sigma_db, _stacked(loss_db)),
-        heard,
-        float(place[0]),
-        float(place[1]),
-        residual,
-    )
+    seen = (levels.level_dbm, levels.sigma_db, _stacked(loss_db))
+    residual = np.empty((len(places), len(heard)))
+    for row, (x_m, y_m) in zip(residual, places.tolist(), strict=True):
+        _fill_residuals(seen, heard, x_m, y_m, row)
     return residual
 
 
