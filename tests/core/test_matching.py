@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.core.fingerprint.matching import match, represent
+from app.core.fingerprint.match_index import represent
+from app.core.fingerprint.matching import match
 from app.core.fingerprint.query import Query, first_of, fresh_wifi_dbm, hear, mean_ble_dbm
 from app.core.fingerprint.radio_map import Fingerprint, build_radio_map, joined
 from app.core.fingerprint.survey import chosen_keys, walk_fingerprints

@@ -107,9 +107,7 @@ def test_smoothed_walks_are_nearer_to_the_truth(world):
 @pytest.mark.parametrize(("deaf_s", "told_s"), [(6.0, 6.0), (25.0, PARAMS.report.fused_s)])
 def test_a_stored_track_begins_before_the_first_fix(world, deaf_s, told_s):
     walked = walk(world, 2, start_s=T0, duration_s=60.0)
-    late = [
-        o for o in walked.observations if not hasattr(o, "readings") or o.time_s >= T0 + deaf_s
-    ]
+    late = [o for o in walked.observations if not hasattr(o, "readings") or o.time_s >= T0 + deaf_s]
     track = smoothed(late, world.site, PARAMS)
     first = next(p for p in track if p.method is not Method.DEAD_RECKONING)
     before = [p for p in track if p.time_s < first.time_s]

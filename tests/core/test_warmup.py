@@ -6,7 +6,7 @@ import sys
 from app.core import engine
 from app.core.engine.anchoring import anchor_floors, anchor_levels, wall_loss_db
 from app.core.engine.standing import grounds
-from app.core.fingerprint.matching import match_index
+from app.core.fingerprint.match_index import match_index
 from app.core.params import Params
 from app.core.simulate import walk, warehouse
 

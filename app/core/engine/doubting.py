@@ -1,5 +1,6 @@
 """Anchors under suspicion: which ones lateration leaves out, and what a scan says of each."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 
@@ -141,7 +142,10 @@ def _points(place: FloatArray, covariance: FloatArray, params: Params) -> FloatA
     """Return where the phone may be, (points, 2), the filter's place first."""
     report = params.report
     spread = report.laterated_scale * covariance + report.laterated_extra_m2 * np.eye(2)
-    return np.asarray(place + POINT_SIGMAS @ np.linalg.cholesky(spread).T)
+    # The symmetric root, not Cholesky's: a plan that is turned turns the points with it.
+    det_root = math.sqrt(np.linalg.det(spread))
+    root = (spread + det_root * np.eye(2)) / math.sqrt(np.trace(spread) + 2.0 * det_root)
+    return np.asarray(place + POINT_SIGMAS @ root)
 
 
 def _sigma_db(

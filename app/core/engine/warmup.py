@@ -9,7 +9,7 @@ from app.core.engine.order import order_key
 from app.core.engine.profiles import PROFILES
 from app.core.engine.smoothing import smoothed
 from app.core.engine.standing import grounds
-from app.core.fingerprint.matching import match_index
+from app.core.fingerprint.match_index import match_index
 from app.core.fingerprint.radio_map import Fingerprint, build_radio_map
 from app.core.params import Params
 from app.core.site import Floor, SiteModel, Wall

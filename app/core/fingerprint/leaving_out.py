@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from app.core.fingerprint.growth import is_surveyed
-from app.core.fingerprint.matching import Matches, likeness, match, match_index
+from app.core.fingerprint.match_index import match_index
+from app.core.fingerprint.matching import Matches, likeness, match
 from app.core.fingerprint.query import Query
 from app.core.fingerprint.radio_map import WIFI, Fingerprint, RadioMap
 from app.core.params import MatchParams

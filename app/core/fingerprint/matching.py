@@ -6,40 +6,16 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 from numba import njit
-from scipy.spatial import cKDTree
 
-from app.core.derived import derived
 from app.core.fingerprint.heard import Heard, heard_in
+from app.core.fingerprint.match_index import match_index, represent
 from app.core.fingerprint.query import Query
-from app.core.fingerprint.radio_map import BLE, WIFI, RadioMap
-from app.core.fingerprint.virtual import is_virtual
+from app.core.fingerprint.radio_map import RadioMap
 from app.core.params import MatchParams
-from app.core.types import BoolArray, FloatArray, IntArray
+from app.core.types import FloatArray, IntArray
 
 LEAST_SORENSEN = 0.05
 """Two scans of one place, one after the other, are no more alike than this."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class MatchIndex:
-    """A radio map's inverted index in the matcher's representation of levels.
-
-    ``row`` is that of each entry, by column; unsigned, so that kernels need not look for negative
-    ones, and short, since they read much of it for every scan. ``share`` holds
-    a = ((rssi - floor) / -floor)^e for the Sørensen distance, ``power`` the same with the cosine's
-    exponent (of Wi-Fi only; one array where the exponents are equal); ``share_sum`` and
-    ``power_norm`` are their sums and norms per row, apart for Wi-Fi and BLE (first axis). ``crowd``
-    is how many fingerprints lie about each row (see `_crowd`), ``virtual`` 1 for those that nobody
-    surveyed.
-    """
-
-    row: npt.NDArray[np.uint32]
-    share: FloatArray
-    power: FloatArray
-    share_sum: FloatArray
-    power_norm: FloatArray
-    crowd: FloatArray
-    virtual: FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,64 +44,6 @@ class Matches:
         return float(self.sorensen.min())
 
 
-@derived()
-def match_index(radio_map: RadioMap, params: MatchParams) -> MatchIndex:
-    """Return the map's index for these parameters; computed once per map."""
-    is_ble = radio_map.radio[radio_map.column] == BLE
-    share = np.where(
-        is_ble,
-        represent(radio_map.rssi_dbm, params.ble_floor_dbm, params.ble_exponent),
-        represent(radio_map.rssi_dbm, params.wifi_floor_dbm, params.sorensen_exponent),
-    )
-    power = share
-    if params.cosine_exponent != params.sorensen_exponent:
-        power = represent(radio_map.rssi_dbm, params.wifi_floor_dbm, params.cosine_exponent)
-    rows = np.repeat(np.arange(radio_map.rows), np.diff(radio_map.row_start))
-    share_sum = np.stack(
-        [
-            np.bincount(rows, share * (is_ble == kind), radio_map.rows).astype(np.float64)
-            for kind in (WIFI, BLE)
-        ]
-    )
-    power_norm = np.sqrt(np.bincount(rows, power**2 * ~is_ble, radio_map.rows))
-    by_column = np.argsort(radio_map.column, kind="stable")
-    share_by_column = share[by_column]
-    has_wifi = np.bincount(rows, ~is_ble, radio_map.rows) > 0
-    return MatchIndex(
-        row=radio_map.row.astype(np.uint32),
-        share=share_by_column,
-        power=share_by_column if power is share else power[by_column],
-        share_sum=share_sum,
-        power_norm=power_norm,
-        crowd=_crowd(radio_map, params.crowd_m, has_wifi),
-        virtual=is_virtual(radio_map).astype(np.float64),
-    )
-
-
-def _crowd(radio_map: RadioMap, within_m: float, has_wifi: BoolArray) -> FloatArray:
-    """Return how many fingerprints of its floor lie within a distance of each, itself one.
-
-    Those with Wi-Fi and those of beacons alone (``has_wifi`` (rows,)) apart: where a phone without
-    Wi-Fi surveyed too, scans with Wi-Fi are no likelier and no less likely than elsewhere.
-    """
-    crowd = np.ones(radio_map.rows)
-    places = np.column_stack([radio_map.x_m, radio_map.y_m])
-    group = 2 * radio_map.floor_index + has_wifi
-    for one in np.unique(group):
-        rows = np.flatnonzero(group == one)
-        tree = cKDTree(places[rows])
-        crowd[rows] = tree.query_ball_point(places[rows], within_m, return_length=True)
-    return crowd
-
-
-def represent(rssi_dbm: FloatArray, floor_dbm: float | FloatArray, exponent: float) -> FloatArray:
-    """Return ``((rssi - floor) / -floor) ^ exponent``, 0 at and below the floor.
-
-    Powed levels let the strong, near transmitters decide (findings on ms2020 and ujiindoorloc).
-    """
-    return np.maximum((rssi_dbm - floor_dbm) / -floor_dbm, 0.0) ** exponent
-
-
 def match(query: Query, radio_map: RadioMap, params: MatchParams) -> Matches | None:
     """Return the ``k`` nearest fingerprints, None if no transmitter of the query is in the map.
 
@@ -145,16 +63,15 @@ def match_heard(heard: Heard, radio_map: RadioMap, params: MatchParams) -> Match
     """Do the same for a query that was looked up in the map before."""
     if not heard.is_known:
         return None
-    index, wifi_dbm = match_index(radio_map, params), heard.wifi.level_dbm
-    share = power = represent(wifi_dbm, params.wifi_floor_dbm, params.sorensen_exponent)
-    if index.power is not index.share:
-        power = represent(wifi_dbm, params.wifi_floor_dbm, params.cosine_exponent)
-    ble_share = represent(heard.ble.level_dbm, params.ble_floor_dbm, params.ble_exponent)
+    index, (wifi, ble) = match_index(radio_map, params), (heard.wifi, heard.ble)
+    share = represent(wifi.level_dbm, params.wifi_floor_dbm, params.sorensen_exponent)
+    power = represent(wifi.level_dbm, params.wifi_floor_dbm, params.cosine_exponent)
+    ble_share = represent(ble.level_dbm, params.ble_floor_dbm, params.ble_exponent)
     row, distance, sorensen = _nearest_of_all(
-        (radio_map.column_start, index.row),
+        (index.start, index.row),
         (index.share, index.power, index.share_sum, index.power_norm),
-        (heard.wifi.column, share, power),
-        (heard.ble.column, ble_share, params.ble_gain * min(1.0, len(heard.ble) / 3.0)),
+        index.joined(wifi, share, power),
+        (*index.joined(ble, ble_share, ble_share)[:2], params.ble_gain * min(1.0, len(ble) / 3.0)),
         (index.virtual, params.virtual_gain, params.virtual_even_share),
         min(params.k, radio_map.rows),
     )
@@ -253,17 +170,17 @@ def _shared(
     heard: tuple[IntArray, FloatArray, FloatArray],
     rows: int,
 ) -> FloatArray:  # pragma: no cover - compiled
-    """Return Σ min(a, b) and a·b of every row (rows, 2) over the transmitters heard.
+    """Return Σ min(a, b) and a·b of every row (rows, 2) over the radios heard.
 
-    Nearly all of a match's time goes by here: a column's entries are taken as slices, and both sums
+    Nearly all of a match's time goes by here: a radio's entries are taken as slices, and both sums
     of a row lie side by side.
     """
     sums = np.zeros((rows, 2))
     for i in range(len(heard[0])):
-        column, share, power = heard[0][i], heard[1][i], heard[2][i]
-        if column < 0:
+        radio, share, power = heard[0][i], heard[1][i], heard[2][i]
+        if radio < 0:
             continue
-        begin, end = inverted[0][column], inverted[0][column + 1]
+        begin, end = inverted[0][radio], inverted[0][radio + 1]
         row, shares, powers = inverted[1][begin:end], levels[0][begin:end], levels[1][begin:end]
         for entry in range(len(row)):
             r = row[entry]

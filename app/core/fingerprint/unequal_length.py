@@ -21,7 +21,7 @@ import numpy as np
 from numba import njit
 
 from app.core.derived import derived
-from app.core.fingerprint.matching import represent
+from app.core.fingerprint.match_index import represent
 from app.core.fingerprint.radio_map import WIFI, RadioMap
 from app.core.types import FloatArray, IntArray
 

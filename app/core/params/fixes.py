@@ -90,7 +90,8 @@ class MatchParams:
         How much nearer virtual fingerprints count the less the map knows of a scan, and where they
         count as others do (ms2020: 1 %, with a quarter of its map 2 %).
     crowd_m
-        Fingerprints within this distance of each other share their weight (ms2020: 1 % better).
+        Fingerprints within this distance of each other share their weight (ms2020: 1 % better;
+        flat from 3 to 4).
     max_sorensen
         Where even the nearest fingerprint shares less than 3 % of what is heard, the phone is not
         in the mapped area.
@@ -108,11 +109,11 @@ class MatchParams:
     cosine_exponent: float = 2.0
     ble_exponent: float = 2.0
     ble_gain: float = 0.3
-    k: int = 15
+    k: int = 25
     softness_ratio: float = 0.2
     virtual_gain: float = 0.2
     virtual_even_share: float = 0.4
-    crowd_m: float = 3.0
+    crowd_m: float = 4.2
     max_sorensen: float = 0.97
 
 

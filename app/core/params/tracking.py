@@ -179,7 +179,7 @@ class ReportParams:
     silence_s: float = 10.0
     max_age_s: float = 60.0
     fused_s: float = 10.0
-    covariance_scale: float = 2.8
+    covariance_scale: float = 2.6
     extra_variance_m2: float = 3.0
     laterated_s: float = 5.0
     laterated_scale: float = 3.0
