@@ -1,6 +1,7 @@
 """Particles from both ends of a walk: what comes later tells of what was, and laws hold."""
 
 import dataclasses
+import gc
 import math
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 
 from app.core.fusion.both_ways import LEAST_VARIANCE_M2, follow_both_ways
 from app.core.fusion.ground import ground
-from app.core.fusion.particles import begin, moments
+from app.core.fusion.particles import Particles, begin, moments
 from app.core.fusion.sighting import Sighting
 from app.core.fusion.smoother import Leg
 from app.core.params import FusionParams
@@ -114,3 +115,27 @@ def test_covariances_are_symmetric_positive_and_inputs_untouched():
     assert np.linalg.eigvalsh(covariance).min() > 0.49 * LEAST_VARIANCE_M2
     for leg, places in zip(legs, before, strict=True):
         np.testing.assert_array_equal(leg.sighting.places, places)
+
+
+class CountsParticles(list):
+    """Grounds that count, whenever one is asked for, the clouds of particles that are kept."""
+
+    def __init__(self, grounds, kept):
+        super().__init__(grounds)
+        self.kept = kept
+
+    def __iter__(self):
+        for one in super().__iter__():
+            self.kept.append(sum(isinstance(thing, Particles) for thing in gc.get_objects()))
+            yield one
+
+    def __getitem__(self, which):
+        return CountsParticles(super().__getitem__(which), self.kept)
+
+
+def test_a_long_walk_does_not_keep_the_particles_of_all_its_legs():
+    legs = [seen(0.0, (0.0, 0.0)), *(strides(float(i), 1) for i in range(1, 15))]
+    kept = []
+    follow_both_ways(legs, CountsParticles([OPEN] * len(legs), kept), PARAMS)
+    assert len(kept) == 2 * len(legs)
+    assert max(kept) <= 2
