@@ -67,6 +67,14 @@ def test_strides_after_the_last_sighting_are_walked_on():
     assert place[-1] == pytest.approx(WAY, abs=1.5)
 
 
+@pytest.mark.parametrize(("here", "there"), [(0, 2), (3, 4)], ids=["beginning", "end"])
+def test_strides_of_one_filter_alone_go_on_from_the_place_that_both_tell(here, there):
+    # Scans that contradict each other: at each end the filter that comes there is elsewhere.
+    scans = [seen(2.0, (0.0, 0.0)), seen(3.0, (0.0, 30.0))]
+    place = follow([strides(0.5, 2), strides(1.0, 2), *scans, strides(4.0, 2)]).place
+    assert np.linalg.norm(place[there] - place[here]) == pytest.approx(1.4, abs=0.5)
+
+
 def test_walked_the_other_way_round_it_is_the_same_path():
     walked = [
         seen(0.0, (0.0, 0.0)),

@@ -8,6 +8,8 @@ over the same walk in reverse, what was heard after. With their means m and cova
 
 Where one of them still keeps several places alive its covariance is large, and the other decides.
 Both count what is heard at the place itself; so each scan is believed less than in a causal filter.
+Before the first sighting and after the last one of them alone knows of the strides: they are walked
+from the place that both tell there, and not from its own, which may be another one.
 """
 
 import math
@@ -43,7 +45,12 @@ def follow_both_ways(legs: list[Leg], floors: Sequence[Ground], params: FusionPa
     mean_back, information_back = (part[::-1] for part in back)
     covariance = np.asarray(np.linalg.inv(information + information_back), dtype=np.float64)
     told = _times(information, mean) + _times(information_back, mean_back)
-    return Path(_times(covariance, told), covariance)
+    place = _times(covariance, told)
+    sighted = [i for i, leg in enumerate(legs) if leg.sighting is not None]
+    first, last = sighted[0], sighted[-1]
+    place[:first] = place[first] + mean_back[:first] - mean_back[first]
+    place[last + 1 :] = place[last] + mean[last + 1 :] - mean[last]
+    return Path(place, covariance)
 
 
 def _turned(legs: list[Leg]) -> list[Leg]:
