@@ -39,7 +39,11 @@ FIX: Schema = {
             "description": "Transmitters of the newest scan, and steps since that scan.",
             "properties": {"beacons": _COUNT, "access_points": _COUNT, "steps": _COUNT},
         },
-        "age_s": {**_NUMBER, "description": "Since the last observation that told the place."},
+        "age_s": {
+            **_NUMBER,
+            "description": "Since the last observation that told the place; before a session's"
+            " first, in its stored track, until that.",
+        },
     },
     "required": ["device_id", "time", "site_id", "floor_id", "x", "y", "radius95_m"],
 }

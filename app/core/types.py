@@ -221,7 +221,8 @@ class TrackPoint:
     heading_rad
         Direction of walking, counter-clockwise from the plan's +x; None while unknown.
     age_s
-        Time since the newest observation that told the position (not only that time passed).
+        Time since the newest observation that told the position (not only that time passed);
+        before the first, in a smoothed track, until that.
     """
 
     time_s: float

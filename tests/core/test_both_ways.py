@@ -1,6 +1,7 @@
 """Particles from both ends of a walk: what comes later tells of what was, and laws hold."""
 
 import dataclasses
+import gc
 import math
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 
 from app.core.fusion.both_ways import LEAST_VARIANCE_M2, follow_both_ways
 from app.core.fusion.ground import ground
-from app.core.fusion.particles import begin, moments
+from app.core.fusion.particles import Particles, begin, moments
 from app.core.fusion.sighting import Sighting
 from app.core.fusion.smoother import Leg
 from app.core.params import FusionParams
@@ -66,6 +67,14 @@ def test_strides_after_the_last_sighting_are_walked_on():
     assert place[-1] == pytest.approx(WAY, abs=1.5)
 
 
+@pytest.mark.parametrize(("here", "there"), [(0, 2), (3, 4)], ids=["beginning", "end"])
+def test_strides_of_one_filter_alone_go_on_from_the_place_that_both_tell(here, there):
+    # Scans that contradict each other: at each end the filter that comes there is elsewhere.
+    scans = [seen(2.0, (0.0, 0.0)), seen(3.0, (0.0, 30.0))]
+    place = follow([strides(0.5, 2), strides(1.0, 2), *scans, strides(4.0, 2)]).place
+    assert np.linalg.norm(place[there] - place[here]) == pytest.approx(1.4, abs=0.5)
+
+
 def test_walked_the_other_way_round_it_is_the_same_path():
     walked = [
         seen(0.0, (0.0, 0.0)),
@@ -114,3 +123,27 @@ def test_covariances_are_symmetric_positive_and_inputs_untouched():
     assert np.linalg.eigvalsh(covariance).min() > 0.49 * LEAST_VARIANCE_M2
     for leg, places in zip(legs, before, strict=True):
         np.testing.assert_array_equal(leg.sighting.places, places)
+
+
+class CountsParticles(list):
+    """Grounds that count, whenever one is asked for, the clouds of particles that are kept."""
+
+    def __init__(self, grounds, kept):
+        super().__init__(grounds)
+        self.kept = kept
+
+    def __iter__(self):
+        for one in super().__iter__():
+            self.kept.append(sum(isinstance(thing, Particles) for thing in gc.get_objects()))
+            yield one
+
+    def __getitem__(self, which):
+        return CountsParticles(super().__getitem__(which), self.kept)
+
+
+def test_a_long_walk_does_not_keep_the_particles_of_all_its_legs():
+    legs = [seen(0.0, (0.0, 0.0)), *(strides(float(i), 1) for i in range(1, 15))]
+    kept = []
+    follow_both_ways(legs, CountsParticles([OPEN] * len(legs), kept), PARAMS)
+    assert len(kept) == 2 * len(legs)
+    assert max(kept) <= 2

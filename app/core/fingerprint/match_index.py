@@ -7,9 +7,10 @@ fingerprint, their terms of the two distances become::
     Σ min(a, b)  ->  min(Σ a, Σ b),      Σ a b  ->  sqrt(Σ a² Σ b²)
 
 which is the same where all are heard alike. A radio of six networks still counts as six, and it no
-longer matters which of them a scan caught: on ms2020 (tuning walks) the error is 2 % less than with
-each name for itself, and a match takes half the time. Counting each radio once instead is 2 % worse
-than that, for it makes as much of a shopkeeper's router as of the building's own.
+longer matters which of those that the map knows a scan caught (a name that it does not know is
+unknown still): on ms2020 (tuning walks) the error is 2 % less than with each name for itself, and a
+match takes half the time. Counting each radio once instead is 2 % worse than that, for it makes as
+much of a shopkeeper's router as of the building's own.
 """
 
 from dataclasses import dataclass

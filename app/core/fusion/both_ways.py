@@ -8,6 +8,8 @@ over the same walk in reverse, what was heard after. With their means m and cova
 
 Where one of them still keeps several places alive its covariance is large, and the other decides.
 Both count what is heard at the place itself; so each scan is believed less than in a causal filter.
+Before the first sighting and after the last one of them alone knows of the strides: they are walked
+from the place that both tell there, and not from its own, which may be another one.
 """
 
 import math
@@ -38,13 +40,17 @@ def follow_both_ways(legs: list[Leg], floors: Sequence[Ground], params: FusionPa
     floors
         The ground of each leg's floor.
     """
-    forward = _followed(legs, floors, params)
+    mean, information = _followed(legs, floors, params)
     back = _followed(_turned(legs), floors[::-1], params)
-    mean, information = _weighed(forward)
-    mean_back, information_back = (part[::-1] for part in _weighed(back))
+    mean_back, information_back = (part[::-1] for part in back)
     covariance = np.asarray(np.linalg.inv(information + information_back), dtype=np.float64)
     told = _times(information, mean) + _times(information_back, mean_back)
-    return Path(_times(covariance, told), covariance)
+    place = _times(covariance, told)
+    sighted = [i for i, leg in enumerate(legs) if leg.sighting is not None]
+    first, last = sighted[0], sighted[-1]
+    place[:first] = place[first] + mean_back[:first] - mean_back[first]
+    place[last + 1 :] = place[last] + mean[last + 1 :] - mean[last]
+    return Path(place, covariance)
 
 
 def _turned(legs: list[Leg]) -> list[Leg]:
@@ -63,11 +69,15 @@ def _turned(legs: list[Leg]) -> list[Leg]:
 
 def _followed(
     legs: Sequence[Leg], floors: Sequence[Ground], params: FusionParams
-) -> list[Particles | None]:
-    """Return the filter's state at the end of each leg; None before the first sighting."""
+) -> tuple[FloatArray, FloatArray]:
+    """Return the filter's place (n, 2) and information (n, 2, 2) at the end of each leg.
+
+    No information before the first sighting. Particles are let go at once: those of all legs of a
+    working day would be two gigabytes.
+    """
     track: Particles | None = None
-    states = []
-    for leg, floor in zip(legs, floors, strict=True):
+    mean, information = np.zeros((len(legs), 2)), np.zeros((len(legs), 2, 2))
+    for i, (leg, floor) in enumerate(zip(legs, floors, strict=True)):
         if track is not None:
             track = _moved(track, leg, floor, params)
         if leg.sighting is not None:
@@ -75,25 +85,17 @@ def _followed(
             track = (
                 begin(seen, floor, params) if track is None else update(track, seen, floor, params)
             )
-        states.append(track)
-    return states
+        if track is not None:
+            state, covariance = moments(track)
+            mean[i] = state[:2]
+            information[i] = np.linalg.inv(covariance + LEAST_VARIANCE_M2 * np.eye(2))
+    return mean, information
 
 
 def _moved(track: Particles, leg: Leg, floor: Ground, params: FusionParams) -> Particles:
     for length_m, heading_rad in zip(leg.length_m.tolist(), leg.heading_rad.tolist(), strict=True):
         track = walk(track, (length_m, heading_rad), floor, params)
     return diffuse(track, leg.drift_m2, floor) if leg.drift_m2 > 0.0 else track
-
-
-def _weighed(states: list[Particles | None]) -> tuple[FloatArray, FloatArray]:
-    """Return each state's place (n, 2) and its information (n, 2, 2), none where there is none."""
-    mean, information = np.zeros((len(states), 2)), np.zeros((len(states), 2, 2))
-    for i, track in enumerate(states):
-        if track is not None:
-            state, covariance = moments(track)
-            mean[i] = state[:2]
-            information[i] = np.linalg.inv(covariance + LEAST_VARIANCE_M2 * np.eye(2))
-    return mean, information
 
 
 def _times(matrices: FloatArray, vectors: FloatArray) -> FloatArray:
