@@ -120,11 +120,11 @@ def take_strides(
     state: SessionState, until_s: float, rule: StrideRule, site: SiteModel, params: Params
 ) -> SessionState:
     """Move the filter by the strides whose time has come."""
-    due = 0
+    if not state.pending or state.pending[0].time_s > until_s:
+        return state
+    due = 1
     while due < len(state.pending) and state.pending[due].time_s <= until_s:
         due += 1
-    if not due:
-        return state
     taken = state.pending[:due]
     for stride in taken:
         state = rule(state, stride, site, params)
