@@ -6,9 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from app.core.changed import changed
 from app.core.engine import advance, start
 from app.core.engine.doubting import fault_of_heard, left_out
-from app.core.engine.state import SessionState, changed
+from app.core.engine.state import SessionState
 from app.core.lateration.faults import MOVED, Fault, FaultParams
 from app.core.lateration.posterior import USUAL_FAULT, local_levels
 from app.core.params import Params

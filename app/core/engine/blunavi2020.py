@@ -14,9 +14,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from app.core.changed import changed
 from app.core.engine.anchoring import anchor_floors, anchor_levels, anchor_votes
 from app.core.engine.fixing import believe, may_scan_wifi, without
-from app.core.engine.state import SessionState, Stride, changed
+from app.core.engine.state import SessionState, Stride
 from app.core.engine.walking import unseen_drift_m2
 from app.core.fingerprint.cells import CellParams, cell_map
 from app.core.fingerprint.query import Query, first_of, fresh_wifi_dbm, mean_ble_dbm, within

@@ -6,9 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from app.core.changed import changed
 from app.core.engine.anchoring import anchor_floors, wall_loss_db
 from app.core.engine.place import place_of
-from app.core.engine.state import SessionState, changed
+from app.core.engine.state import SessionState
 from app.core.lateration.faults import (
     DUPLICATED,
     Fault,

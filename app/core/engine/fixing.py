@@ -1,13 +1,13 @@
 """Stages of the absolute fix: fingerprints, the floor vote, the filter's update."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 from numba import njit
 
+from app.core.changed import changed
 from app.core.engine.standing import ground_of
-from app.core.engine.state import SessionState, changed
+from app.core.engine.state import SessionState
 from app.core.fingerprint.heard import Heard, heard_in
 from app.core.fingerprint.level_offset import LevelOffset, first_offset, learned
 from app.core.fingerprint.matching import Matches, match_heard
@@ -105,7 +105,7 @@ def _match(
     places = np.stack((matches.x_m, matches.y_m), axis=1)
     noise = (variance, 0.0, variance)
     sighting = Sighting(time_s, places, matches.weight, noise, votes, matches.floor_index)
-    evidence = replace(state.evidence, sighting=sighting, means=Method.FINGERPRINT)
+    evidence = changed(state.evidence, sighting=sighting, means=Method.FINGERPRINT)
     used = Used(beacons=len(heard.ble), access_points=len(heard.wifi))
     return changed(state, floor_belief=belief, evidence=evidence, used=used)
 
@@ -144,7 +144,7 @@ def correct(
 ) -> SessionState:
     """Update the track by a sighting, or begin it there."""
     floor = ground_of(state.floor_belief, site)
-    evidence = replace(state.evidence, sighting=sighting, means=method)
+    evidence = changed(state.evidence, sighting=sighting, means=method)
     if isinstance(state.track, Particles):
         track = update(state.track, sighting, floor, params.fusion)
         method = Method.FUSED

@@ -12,7 +12,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from app.core.engine.state import SessionState, changed
+from app.core.changed import changed
+from app.core.engine.state import SessionState
 from app.core.engine.windowing import solve_window
 from app.core.fusion.planar import PlanarTrack
 from app.core.params import (

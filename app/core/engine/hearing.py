@@ -1,6 +1,7 @@
 """Stages that remember what was heard."""
 
-from app.core.engine.state import SessionState, changed
+from app.core.changed import changed
+from app.core.engine.state import SessionState
 from app.core.fingerprint.query import hear
 from app.core.params import Params
 from app.core.radio.windows import joined, window_of_scan, within

@@ -5,11 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from app.core.changed import changed
 from app.core.engine.anchoring import anchor_floors, anchor_levels, anchor_votes, wall_loss_db
 from app.core.engine.doubting import doubt, fault_of_heard, left_out
 from app.core.engine.fixing import believe, correct, without
 from app.core.engine.place import place_of
-from app.core.engine.state import SessionState, changed
+from app.core.engine.state import SessionState
 from app.core.engine.windowing import sense_velocity
 from app.core.fusion.particles import Particles, moments
 from app.core.fusion.sighting import Noise, Sighting
@@ -105,7 +106,7 @@ def _sight(
     return changed(
         state,
         used=Used(beacons=heard),
-        evidence=replace(state.evidence, left_out=out),
+        evidence=changed(state.evidence, left_out=out),
         lateration=replace(memory, told_s=time_s, offset=offset),
     )
 

@@ -17,8 +17,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from app.core.changed import changed
 from app.core.engine.fixing import believe, sums, too_few, without
-from app.core.engine.state import SessionState, Stride, changed
+from app.core.engine.state import SessionState, Stride
 from app.core.fingerprint.query import first_of, fresh_wifi_dbm
 from app.core.fingerprint.radio_map import RadioMap
 from app.core.fingerprint.unequal_length import (
@@ -166,7 +167,7 @@ def _follow(state: SessionState, sighting: Sighting, params: Liu2016Params) -> S
         motion = BlendedMotion(time_s, float(place[0]), float(place[1]), filtered_s=time_s)
     elif time_s > motion.time_s:
         track, motion = _blended(state, track, motion, (time_s, place), params)
-    evidence = replace(state.evidence, sighting=sighting)
+    evidence = changed(state.evidence, sighting=sighting)
     return changed(
         state, track=track, memory=motion, told_s=time_s, method=method, evidence=evidence
     )

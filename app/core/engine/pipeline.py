@@ -2,10 +2,11 @@
 
 import math
 
+from app.core.changed import changed
 from app.core.engine.order import order_key
 from app.core.engine.profiles import PROFILES
 from app.core.engine.report import report
-from app.core.engine.state import Evidence, SessionState, Told, changed
+from app.core.engine.state import Evidence, SessionState, Told
 from app.core.engine.walking import take_strides
 from app.core.motion.mode import decided
 from app.core.params import Params

@@ -80,8 +80,5 @@ def radius95_m(xx: float, xy: float, yy: float) -> float:
 def calibrated(covariance: FloatArray, params: ReportParams) -> tuple[float, float, float]:
     """Return the position's covariance with what the filter cannot know, from real walks."""
     scale, extra = params.covariance_scale, params.extra_variance_m2
-    return (
-        scale * float(covariance[0, 0]) + extra,
-        scale * float(covariance[0, 1]),
-        scale * float(covariance[1, 1]) + extra,
-    )
+    (xx, xy), (_, yy) = covariance.tolist()
+    return scale * xx + extra, scale * xy, scale * yy + extra

@@ -1,7 +1,7 @@
 """The state of one session's fold."""
 
-from dataclasses import dataclass, field, fields
-from typing import Any, TypeAlias
+from dataclasses import dataclass, field
+from typing import TypeAlias
 
 from app.core.engine.order import OrderKey
 from app.core.fingerprint.level_offset import LevelOffset
@@ -40,7 +40,7 @@ class Stride:
     seconds: float
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Evidence:
     """What the latest observation brought to the filter, in this order.
 
@@ -110,7 +110,7 @@ class LaterationMemory:
 class SessionState:
     """Everything a session remembers; immutable, so any older state is a checkpoint.
 
-    Without slots, so that `changed` copies one dict instead of setting every field.
+    Without slots, for `changed`; so is what it holds of what often changes.
 
     Attributes
     ----------
@@ -178,28 +178,6 @@ class SessionState:
     method: Method = Method.DEAD_RECKONING
     used: Used = field(default_factory=Used)
     reason: NoFixReason = NoFixReason.NOT_STARTED
-
-
-_NAMES = frozenset(one.name for one in fields(SessionState))
-
-
-def changed(state: SessionState, **changes: Any) -> SessionState:  # noqa: ANN401 - of any field
-    """Return a state with some fields changed.
-
-    As `dataclasses.replace`, which at some fifteen changes a second would take a quarter of the
-    engine's time.
-
-    Raises
-    ------
-    TypeError
-        If the state has no such field.
-    """
-    if not _NAMES.issuperset(changes):
-        msg = f"a session's state has no {', '.join(sorted(changes.keys() - _NAMES))}"
-        raise TypeError(msg)
-    copy = object.__new__(SessionState)
-    object.__setattr__(copy, "__dict__", {**vars(state), **changes})
-    return copy
 
 
 def start() -> SessionState:

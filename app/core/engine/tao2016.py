@@ -15,9 +15,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from app.core.changed import changed
 from app.core.derived import derived
 from app.core.engine.fixing import believe, sums, without
-from app.core.engine.state import SessionState, changed
+from app.core.engine.state import SessionState
 from app.core.fingerprint.cleaning import CleaningParams, gauss_mean_dbm
 from app.core.fingerprint.query import KeyChoice, first_of
 from app.core.fingerprint.radio_map import BLE, WIFI, RadioMap

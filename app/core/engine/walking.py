@@ -2,11 +2,11 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any, TypeAlias
 
+from app.core.changed import changed
 from app.core.engine.standing import ground_of
-from app.core.engine.state import SessionState, Stride, changed
+from app.core.engine.state import SessionState, Stride
 from app.core.fusion.particles import Particles, diffuse, walk
 from app.core.motion.mode import with_acceleration, with_step
 from app.core.motion.steps import detect_steps, step_length_m
@@ -120,11 +120,11 @@ def take_strides(
     state: SessionState, until_s: float, rule: StrideRule, site: SiteModel, params: Params
 ) -> SessionState:
     """Move the filter by the strides whose time has come."""
-    due = 0
+    if not state.pending or state.pending[0].time_s > until_s:
+        return state
+    due = 1
     while due < len(state.pending) and state.pending[due].time_s <= until_s:
         due += 1
-    if not due:
-        return state
     taken = state.pending[:due]
     for stride in taken:
         state = rule(state, stride, site, params)
@@ -134,7 +134,7 @@ def take_strides(
         stride=taken[-1],
         pending=state.pending[due:],
         walked=_lately(state.walked + taken, until_s),
-        evidence=replace(state.evidence, strides=state.evidence.strides + taken),
+        evidence=changed(state.evidence, strides=state.evidence.strides + taken),
         used=Used(state.used.beacons, state.used.access_points, state.used.steps + due),
     )
 
@@ -150,10 +150,9 @@ def diffuse_unseen(
     if not isinstance(state.track, Particles) or state.scanned_s is None:
         return state
     drift_m2 = unseen_drift_m2(state, scan.time_s, params)
-    evidence = replace(state.evidence, drift_m2=drift_m2)
-    if drift_m2 <= 0.0:
-        return changed(state, evidence=evidence)
-    track = diffuse(state.track, drift_m2, ground_of(state.floor_belief, site))
+    track, evidence = state.track, changed(state.evidence, drift_m2=drift_m2)
+    if drift_m2 > 0.0:
+        track = diffuse(track, drift_m2, ground_of(state.floor_belief, site))
     return changed(state, track=track, evidence=evidence)
 
 

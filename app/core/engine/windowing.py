@@ -4,9 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from app.core.changed import changed
 from app.core.engine.anchoring import anchor_floors, anchor_levels, anchor_votes
 from app.core.engine.fixing import believe
-from app.core.engine.state import SessionState, changed
+from app.core.engine.state import SessionState
 from app.core.lateration.windowed import Estimate, estimate
 from app.core.motion.mode import decided, with_velocity
 from app.core.params import Params

@@ -11,7 +11,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from app.core.engine.state import SessionState, Stride, changed
+from app.core.changed import changed
+from app.core.engine.state import SessionState, Stride
 from app.core.fusion.planar import PlanarTrack
 from app.core.fusion.scheduled import ScheduledMemory, ScheduledParams, Vector, begin, update, walk
 from app.core.fusion.sighting import Sighting

@@ -35,9 +35,6 @@ def first_of(known: dict[str, int]) -> KeyChoice:
     """
 
     def choose(keys: tuple[str, ...]) -> str:
-        if len(keys) == 1:
-            # Every access point has one key, and most of the time here would go to the loop.
-            return keys[0]
         for key in keys[:-1]:
             if key in known:
                 return key
@@ -54,7 +51,9 @@ def fresh_wifi_dbm(scan: WifiScan, max_age_s: float, choose: KeyChoice) -> dict[
     levels: dict[str, float] = {}
     for reading in scan.readings:
         if reading.age_s <= max_age_s:
-            key, rssi_dbm = choose(reading.keys), reading.rssi_dbm
+            keys, rssi_dbm = reading.keys, reading.rssi_dbm
+            # Access points have one key, and most of the time here would go to the choice.
+            key = keys[0] if len(keys) == 1 else choose(keys)
             if rssi_dbm > levels.get(key, -math.inf):
                 levels[key] = rssi_dbm
     return levels

@@ -304,14 +304,18 @@ def _weigh(
     det = xx * yy - xy * xy
     peak = 1.0 / (2.0 * math.pi * math.sqrt(det))
     along, both, across = 0.5 * yy / det, xy / det, 0.5 * xx / det
+    # Apart from the exponentials, distances to a candidate take several particles at a time.
+    x_m, y_m = state[:, X].copy(), state[:, Y].copy()
+    likelihood, far = np.zeros(len(state)), np.empty(len(state))
+    for i in range(len(places)):
+        for k in range(len(state)):
+            dx, dy = places[i, 0] - x_m[k], places[i, 1] - y_m[k]
+            far[k] = along * dx * dx - both * dx * dy + across * dy * dy
+        for k in range(len(state)):
+            if far[k] < NEGLIGIBLE:
+                likelihood[k] += weight[i] * math.exp(-far[k])
     for k in range(len(state)):
-        likelihood = 0.0
-        for i in range(len(places)):
-            dx, dy = places[i, 0] - state[k, X], places[i, 1] - state[k, Y]
-            far = along * dx * dx - both * dx * dy + across * dy * dy
-            if far < NEGLIGIBLE:
-                likelihood += weight[i] * math.exp(-far)
-        log_weight[k] += rule[1] * math.log(peak * likelihood + rule[0])
+        log_weight[k] += rule[1] * math.log(peak * likelihood[k] + rule[0])
 
 
 @njit(cache=True)

@@ -15,12 +15,13 @@ Every bound is a pair (`MotionModeParams`): between the two the mode stays what 
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
 from numba import njit
 
+from app.core.changed import changed
 from app.core.params import MotionModeParams
 from app.core.types import FloatArray, ImuBlock, MotionMode
 
@@ -34,9 +35,9 @@ class MotionEvidence(StrEnum):
     NONE = "none"
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class MotionState:
-    """What has been seen of a phone's motion.
+    """What has been seen of a phone's motion; without slots, for `changed`.
 
     Attributes
     ----------
@@ -61,12 +62,12 @@ class MotionState:
 
 def with_step(state: MotionState, time_s: float) -> MotionState:
     """Return the state after a step."""
-    return replace(state, last_step_s=max(time_s, state.last_step_s or -math.inf))
+    return changed(state, last_step_s=max(time_s, state.last_step_s or -math.inf))
 
 
 def with_velocity(state: MotionState, time_s: float, velocity_chi2: float) -> MotionState:
     """Return the state after a velocity estimated from levels, with ``v' D_vv^-1 v``."""
-    return replace(state, velocity_chi2=velocity_chi2, velocity_s=time_s)
+    return changed(state, velocity_chi2=velocity_chi2, velocity_s=time_s)
 
 
 def with_acceleration(state: MotionState, block: ImuBlock, params: MotionModeParams) -> MotionState:
@@ -82,7 +83,7 @@ def with_acceleration(state: MotionState, block: ImuBlock, params: MotionModePar
     gain = 1.0 - math.exp(-1.0 / (block.rate_hz * params.variance_time_s))
     mean, variance = _forgetting(block.acc_mps2.astype(np.float64), gain, before, fresh)
     end_s = block.time_s + (samples - 1) / block.rate_hz
-    return replace(state, acc_mean_mps2=mean, acc_variance_m2ps4=variance, acc_s=end_s)
+    return changed(state, acc_mean_mps2=mean, acc_variance_m2ps4=variance, acc_s=end_s)
 
 
 @njit(cache=True)
@@ -115,7 +116,7 @@ def decided(state: MotionState, time_s: float, params: MotionModeParams) -> Moti
             mode = _between(mode, state.velocity_chi2, (params.still_chi2, params.walk_chi2))
         case MotionEvidence.NONE:
             mode = MotionMode.STILL
-    return state if mode is state.mode else replace(state, mode=mode)
+    return state if mode is state.mode else changed(state, mode=mode)
 
 
 def deciding(state: MotionState, time_s: float, params: MotionModeParams) -> MotionEvidence:
