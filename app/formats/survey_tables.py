@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from app.core.site import Floor
 from app.core.survey import Surveyed, SurveyPoint
 from app.formats.fingerprints_csv import NEEDED, OPTIONAL
-from app.formats.separated_values import DECIMAL_COMMA_SEPARATOR, separator_of
+from app.formats.separated_values import DECIMAL_COMMA_SEPARATOR, decimal_text, separator_of
 from app.formats.survey_places import (
     Reason,
     SurveyFrame,
@@ -107,7 +107,7 @@ def read_long_csv(
 def _named_cells(header: list[str], raw: bytes, separator: str) -> dict[str, str]:
     cells = dict(zip(header, _cells(raw, separator), strict=True))
     if separator == DECIMAL_COMMA_SEPARATOR:
-        cells |= {column: cells[column].replace(",", ".") for column in _NUMBERS}
+        cells |= {column: decimal_text(cells[column], separator) for column in _NUMBERS}
     return cells
 
 
@@ -134,7 +134,10 @@ class _WideHeader:
         if self.separator != DECIMAL_COMMA_SEPARATOR:
             return cells
         names = {self.columns[name] for name in _WIDE_NAMES if name in self.columns}
-        return [cell if i in names else cell.replace(",", ".") for i, cell in enumerate(cells)]
+        return [
+            cell if i in names else decimal_text(cell, self.separator)
+            for i, cell in enumerate(cells)
+        ]
 
 
 def read_wide_csv(

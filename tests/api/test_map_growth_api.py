@@ -108,6 +108,13 @@ async def active_map(admin: httpx.AsyncClient) -> dict[str, Any]:
     return dict(only)
 
 
+async def grow_aside(server: ApiServer, admin: httpx.AsyncClient) -> None:
+    """Let sessions of a site that opted in be taken aside."""
+    await opt_in(admin)
+    await walk_through(server)
+    await housekeep(server)
+
+
 async def test_nothing_is_kept_aside_where_nobody_opted_in(server: ApiServer) -> None:
     await survey(server)
     await walk_through(server)
@@ -121,9 +128,7 @@ async def test_what_is_accepted_becomes_a_version_and_nothing_before(server: Api
     before = await survey(server)
     database = server.app.state.context.database
     async with server.client() as admin:
-        await opt_in(admin)
-        await walk_through(server)
-        await housekeep(server)
+        await grow_aside(server, admin)
         assert (await admin.get(GROWTH)).json() == {"waiting": WALKS, "look": None}
         unseen = await admin.post(f"{GROWTH}/accept")
         assert (unseen.status_code, unseen.json()["code"]) == (409, "conflict")
@@ -158,9 +163,7 @@ async def test_what_is_accepted_becomes_a_version_and_nothing_before(server: Api
 async def test_a_version_may_be_made_without_being_used(server: ApiServer) -> None:
     before = await survey(server)
     async with server.client() as admin:
-        await opt_in(admin)
-        await walk_through(server)
-        await housekeep(server)
+        await grow_aside(server, admin)
         await look(server, admin)
         made = (await admin.post(f"{GROWTH}/accept?activate=false")).json()
         assert made["active"] is False
@@ -171,9 +174,7 @@ async def test_a_version_may_be_made_without_being_used(server: ApiServer) -> No
 async def test_what_is_discarded_is_gone_and_not_taken_again(server: ApiServer) -> None:
     await survey(server)
     async with server.client() as admin:
-        await opt_in(admin)
-        await walk_through(server)
-        await housekeep(server)
+        await grow_aside(server, admin)
         await look(server, admin)
         assert (await admin.delete(GROWTH)).status_code == 204
         await housekeep(server)
@@ -189,9 +190,7 @@ async def test_what_is_kept_aside_goes_with_what_the_site_keeps_no_longer(
 ) -> None:
     await survey(server)
     async with server.client() as admin:
-        await opt_in(admin)
-        await walk_through(server)
-        await housekeep(server)
+        await grow_aside(server, admin)
         server.clock.time_s += 60 * 86_400.0
         await housekeep(server)
         assert (await admin.get(GROWTH)).json()["waiting"] == WALKS
@@ -203,9 +202,7 @@ async def test_what_is_kept_aside_goes_with_what_the_site_keeps_no_longer(
 async def test_what_has_changed_since_the_look_is_not_accepted(server: ApiServer) -> None:
     before = await survey(server)
     async with server.client() as admin:
-        await opt_in(admin)
-        await walk_through(server)
-        await housekeep(server)
+        await grow_aside(server, admin)
         await look(server, admin)
         # What the phone's owner wants forgotten must not come into the map by an older look.
         assert (await admin.delete("/v1/devices/phone-7")).status_code == 204
@@ -216,19 +213,22 @@ async def test_what_has_changed_since_the_look_is_not_accepted(server: ApiServer
         assert (await active_map(admin))["radio_map_id"] == before.radio_map_id
 
 
+async def walk_on(server: ApiServer, **envelope: object) -> None:
+    """Post some more scans, and let their session be taken aside."""
+    later = [record(scan(1000.0 + i, 4.0, 5.0), server.clock.now_s()) for i in range(3)]
+    async with server.client("phone-7") as phone:
+        reply = await phone.post("/v1/ingest", json=batch(*later, **envelope))
+        assert reply.status_code == 200, reply.text
+    server.clock.time_s += 3600.0
+    await housekeep(server)
+
+
 async def test_a_look_at_a_session_that_went_on_since_is_not_accepted(server: ApiServer) -> None:
     before = await survey(server)
     async with server.client() as admin:
-        await opt_in(admin)
-        await walk_through(server)
-        await housekeep(server)
+        await grow_aside(server, admin)
         seen = await look(server, admin)
-        later = [record(scan(1000.0 + i, 4.0, 5.0), server.clock.now_s()) for i in range(3)]
-        async with server.client("phone-7") as phone:
-            reply = await phone.post("/v1/ingest", json=batch(*later, seq=1, session="walk-0"))
-            assert reply.status_code == 200, reply.text
-        server.clock.time_s += 3600.0
-        await housekeep(server)
+        await walk_on(server, seq=1, session="walk-0")
         # As many as before under the same ids, and not the same.
         assert (await admin.get(GROWTH)).json()["waiting"] == WALKS
         refused = await admin.post(f"{GROWTH}/accept")
@@ -242,16 +242,9 @@ async def test_a_look_at_a_session_that_went_on_since_is_not_accepted(server: Ap
 async def test_what_was_taken_aside_since_the_look_waits_for_the_next(server: ApiServer) -> None:
     await survey(server)
     async with server.client() as admin:
-        await opt_in(admin)
-        await walk_through(server)
-        await housekeep(server)
+        await grow_aside(server, admin)
         seen = await look(server, admin)
-        later = [record(scan(1000.0 + i, 4.0, 5.0), server.clock.now_s()) for i in range(3)]
-        async with server.client("phone-7") as phone:
-            reply = await phone.post("/v1/ingest", json=batch(*later, session="walk-9"))
-            assert reply.status_code == 200, reply.text
-        server.clock.time_s += 3600.0
-        await housekeep(server)
+        await walk_on(server, session="walk-9")
         assert (await admin.get(GROWTH)).json()["waiting"] == WALKS + 1
         assert (await admin.post(f"{GROWTH}/accept")).status_code == 201
         assert (await admin.get(GROWTH)).json()["waiting"] == WALKS + 1 - seen["sessions"]
@@ -260,9 +253,7 @@ async def test_what_was_taken_aside_since_the_look_waits_for_the_next(server: Ap
 async def test_a_session_that_goes_on_is_taken_aside_anew(server: ApiServer) -> None:
     await survey(server)
     async with server.client() as admin:
-        await opt_in(admin)
-        await walk_through(server)
-        await housekeep(server)
+        await grow_aside(server, admin)
         later = record(scan(1000.0, 4.0, 5.0), server.clock.now_s())
         async with server.client("phone-7") as phone:
             reply = await phone.post("/v1/ingest", json=batch(later, seq=1, session="walk-0"))

@@ -58,32 +58,37 @@ def test_jobs_tell_what_came_of_them(pharos: Pharos) -> None:
     assert "a" * 32 not in pharos("jobs", "--limit", "1")[1]
 
 
-def test_an_upload_to_a_port_where_nobody_listens_says_so(pharos: Pharos, tmp_path: Path) -> None:
+def upload(pharos: Pharos, file: Path, server: str) -> tuple[int, str, str]:
+    asked = ("survey", "upload", str(file), "--site", "hall", "--token", "t")
+    return pharos(*asked, "--server", server)
+
+
+@pytest.fixture
+def walk_file(tmp_path: Path) -> Path:
+    file = tmp_path / "walk.txt"
+    file.write_text("x")
+    return file
+
+
+def test_an_upload_to_a_port_where_nobody_listens_says_so(pharos: Pharos, walk_file: Path) -> None:
     with socket.socket() as bound:
         # Bound and not listening: nobody else gets the port, and connections are refused.
         bound.bind(("127.0.0.1", 0))
         server = f"http://127.0.0.1:{bound.getsockname()[1]}"
-        file = tmp_path / "walk.txt"
-        file.write_text("x")
-        asked = ("survey", "upload", str(file), "--site", "hall", "--token", "t")
-        code, _, err = pharos(*asked, "--server", server)
+        code, _, err = upload(pharos, walk_file, server)
     assert code == 1
     assert f"pharos: nobody answers at {server}" in err
     assert "Traceback" not in err
 
 
 @pytest.mark.parametrize("server", ["localhost:8000", "nonsense"])
-def test_an_address_that_is_none_is_refused(pharos: Pharos, tmp_path: Path, server: str) -> None:
-    file = tmp_path / "walk.txt"
-    file.write_text("x")
-    asked = ("survey", "upload", str(file), "--site", "hall", "--token", "t")
-    code, _, err = pharos(*asked, "--server", server)
+def test_an_address_that_is_none_is_refused(pharos: Pharos, walk_file: Path, server: str) -> None:
+    code, _, err = upload(pharos, walk_file, server)
     assert code == 2
     assert f"pharos: --server '{server}' cannot be used" in err
 
 
 def test_a_folder_is_not_uploaded(pharos: Pharos, tmp_path: Path) -> None:
-    asked = ("survey", "upload", str(tmp_path), "--site", "hall", "--token", "t")
-    code, _, err = pharos(*asked, "--server", "http://127.0.0.1:1")
+    code, _, err = upload(pharos, tmp_path, "http://127.0.0.1:1")
     assert code == 2
     assert "is a folder: put its files into one zip" in err

@@ -106,24 +106,29 @@ def doubt(
     evidence: dict[str, list[float]] = {}
     if state.floor_belief.max() >= SURE_OF_FLOOR:
         new = min(elapsed_s / params.lateration.window_s, NEW_AT_MOST)
-        evidence = _evidence(state, scan, new, where, params)
+        offset = state.lateration.offset or PhoneOffset(0.0, params.lateration.offset_prior_db)
+        points = _points(*place_of(state.track), params)
+        evidence = _evidence((points, offset), scan, new, where)
     odds = judged(state.lateration.fault_log_odds, evidence, elapsed_s, FAULTS)
     return changed(state, lateration=replace(state.lateration, fault_log_odds=odds))
 
 
 def _evidence(
-    state: SessionState,
+    phone: tuple[FloatArray, PhoneOffset],
     scan: tuple[Window, LocalLevels, LevelModel, float],
     new: float,
     where: tuple[SiteModel, int],
-    params: Params,
 ) -> dict[str, list[float]]:
-    """Return what the scan says of each anchor, by its id; ``new``: the share of it that is."""
-    (window, levels, model, worth), (site, _) = scan, where
-    if state.track is None:
-        return {}
-    offset = state.lateration.offset or PhoneOffset(0.0, params.lateration.offset_prior_db)
-    points = _points(*place_of(state.track), params)
+    """Return what the scan says of each anchor, by its id.
+
+    Parameters
+    ----------
+    phone
+        Where it may be (see `_points`), and its level offset.
+    new
+        The share of the scan that is.
+    """
+    (points, offset), (window, levels, model, worth), (site, _) = phone, scan, where
     loss_db = [wall_loss_db(site, int(i)) for i in levels.anchor_index]
     residual_db = residuals_at(levels, model, loss_db, points) - offset.mean_db
     sigma_db = _sigma_db(model, levels.anchor_index, points[0], offset)

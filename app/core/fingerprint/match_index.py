@@ -35,11 +35,12 @@ class MatchIndex:
 
     Attributes
     ----------
-    radio : (columns,)
-        Number of the radio that each column of the map is a network of; a beacon is one by itself.
-    start : (radios + 1,), row : (entries,), share, power : (entries,)
-        The entries of each radio: the fingerprints that heard it, the sum over its networks of
-        a = ((rssi - floor) / -floor)^e for the Sørensen distance, and the root of the sum of the
+    access_point : (columns,)
+        Number of the access point that each column of the map is a network of; a beacon has a
+        number of its own.
+    start : (access points + 1,), row : (entries,), share, power : (entries,)
+        The entries of each access point: the fingerprints that heard it, the sum over its networks
+        of a = ((rssi - floor) / -floor)^e for the Sørensen distance, and the root of the sum of the
         squares of the same with the cosine's exponent (of Wi-Fi only). Rows are unsigned, so that
         kernels need not look for negative ones, and short, since they read much of it for every
         scan.
@@ -50,7 +51,7 @@ class MatchIndex:
         surveyed.
     """
 
-    radio: IntArray
+    access_point: IntArray
     start: IntArray
     row: npt.NDArray[np.uint32]
     share: FloatArray
@@ -63,8 +64,8 @@ class MatchIndex:
     def joined(
         self, levels: Levels, share: FloatArray, power: FloatArray
     ) -> tuple[IntArray, FloatArray, FloatArray]:
-        """Return the radios of some levels, -1 for unknown ones, and their share and power."""
-        return _joined(self.radio, levels.column, share, power)
+        """Return the access points of levels, -1 for unknown ones, and their share and power."""
+        return _joined(self.access_point, levels.column, share, power)
 
 
 @derived()
@@ -84,12 +85,13 @@ def match_index(radio_map: RadioMap, params: MatchParams) -> MatchIndex:
             for kind in (WIFI, BLE)
         ]
     )
-    radio = _radios(radio_map)
-    entry, which = np.unique(radio[radio_map.column] * radio_map.rows + rows, return_inverse=True)
-    begin = np.arange(radio.max(initial=-1) + 2) * radio_map.rows
+    access_point = _access_points(radio_map)
+    of_entry = access_point[radio_map.column] * radio_map.rows + rows
+    entry, which = np.unique(of_entry, return_inverse=True)
+    begin = np.arange(access_point.max(initial=-1) + 2) * radio_map.rows
     has_wifi = np.bincount(rows, ~is_ble, radio_map.rows) > 0
     return MatchIndex(
-        radio=radio,
+        access_point=access_point,
         start=np.searchsorted(entry, begin),
         row=(entry % max(radio_map.rows, 1)).astype(np.uint32),
         share=np.bincount(which, share, len(entry)).astype(np.float64),
@@ -101,24 +103,24 @@ def match_index(radio_map: RadioMap, params: MatchParams) -> MatchIndex:
     )
 
 
-def _radios(radio_map: RadioMap) -> IntArray:
-    """Return the number of the radio of each column, in the order of their first columns."""
+def _access_points(radio_map: RadioMap) -> IntArray:
+    """Return the number of each column's access point, in the order of their first columns."""
     numbers: dict[tuple[int, str], int] = {}
-    radios = [
+    access_points = [
         numbers.setdefault((kind, access_point_key(key) if kind == WIFI else key), len(numbers))
         for kind, key in zip(radio_map.radio.tolist(), radio_map.transmitters, strict=True)
     ]
-    return np.array(radios, dtype=np.int64)
+    return np.array(access_points, dtype=np.int64)
 
 
 @njit(cache=True)
 def _joined(
-    radio: IntArray, column: IntArray, share: FloatArray, power: FloatArray
+    access_point: IntArray, column: IntArray, share: FloatArray, power: FloatArray
 ) -> tuple[IntArray, FloatArray, FloatArray]:  # pragma: no cover - compiled
     heard, shares, squares = np.full(len(column), -1), np.zeros(len(column)), np.zeros(len(column))
     count = 0
     for i in range(len(column)):
-        which, at = radio[column[i]] if column[i] >= 0 else -1, count
+        which, at = access_point[column[i]] if column[i] >= 0 else -1, count
         if which >= 0:
             for j in range(count):
                 if heard[j] == which:

@@ -170,17 +170,17 @@ def _shared(
     heard: tuple[IntArray, FloatArray, FloatArray],
     rows: int,
 ) -> FloatArray:  # pragma: no cover - compiled
-    """Return Σ min(a, b) and a·b of every row (rows, 2) over the radios heard.
+    """Return Σ min(a, b) and a·b of every row (rows, 2) over the access points heard.
 
-    Nearly all of a match's time goes by here: a radio's entries are taken as slices, and both sums
-    of a row lie side by side.
+    Nearly all of a match's time goes by here: an access point's entries are taken as slices, and
+    both sums of a row lie side by side.
     """
     sums = np.zeros((rows, 2))
     for i in range(len(heard[0])):
-        radio, share, power = heard[0][i], heard[1][i], heard[2][i]
-        if radio < 0:
+        access_point, share, power = heard[0][i], heard[1][i], heard[2][i]
+        if access_point < 0:
             continue
-        begin, end = inverted[0][radio], inverted[0][radio + 1]
+        begin, end = inverted[0][access_point], inverted[0][access_point + 1]
         row, shares, powers = inverted[1][begin:end], levels[0][begin:end], levels[1][begin:end]
         for entry in range(len(row)):
             r = row[entry]
