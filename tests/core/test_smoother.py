@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 from filterpy.kalman import KalmanFilter
+from wifi_hall import PACE_MPS, hall, walked
 
 from app.core.engine import advance, finish, smoothed, start
 from app.core.fusion.sighting import Sighting
@@ -116,6 +117,13 @@ def test_a_stored_track_begins_before_the_first_fix(world, deaf_s, told_s):
     assert all(p.age_s == first.time_s - p.time_s for p in before)
     radii = [p.radius95_m for p in (*before, first)]
     assert radii == sorted(radii, reverse=True)
+
+
+def test_an_even_walk_has_even_seconds():
+    # Strides end at 0.55 s intervals: a second holds one or two whole ones.
+    ahead = walked([(2.0, 20.0), (38.0, 20.0)], np.random.default_rng(1), 28.0)
+    seconds = smoothed(ahead, hall(), PARAMS)[2:-1]
+    assert np.diff([p.x_m for p in seconds]) == pytest.approx(PACE_MPS, rel=0.25)
 
 
 def test_a_session_without_any_fix_has_no_track(world):

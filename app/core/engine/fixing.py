@@ -74,7 +74,7 @@ def may_scan_wifi(state: SessionState, time_s: float, params: MatchParams) -> bo
     if state.wifi_s is not None:
         return time_s - state.wifi_s <= params.wifi_gap_s
     began_s = time_s if state.began_s is None else state.began_s
-    return time_s - began_s <= params.wifi_start_s
+    return time_s - began_s < params.wifi_start_s
 
 
 def too_few(scan: WifiScan, wanted: int) -> NoFixReason:

@@ -5,6 +5,9 @@ floors are decided forward and backward. Two smoothers draw the path, and the tr
 them: particles from both ends (`app.core.fusion.both_ways`), and a Kalman smoother that begins
 with the path of those (`app.core.fusion.smoother`). One knows ways and keeps several places alive,
 the other keeps one bias and one step length over the whole walk, and they err apart.
+
+A stored track has time: it takes what beacons alone told before the first Wi-Fi scan, which is too
+little to answer by, and places a second between two strides on the way from one to the other.
 """
 
 import math
@@ -25,6 +28,9 @@ from app.core.fusion.smoother import Leg, Path, smooth
 from app.core.params import FusionParams, Params, ReportParams, SmootherParams
 from app.core.site import SiteModel
 from app.core.types import FloatArray, Method, Observation, Output, TrackPoint, Used
+
+STRIDE_S = 1.0
+"""A stride takes no longer (slow walkers: 1 Hz): who takes one after a rest stood until then."""
 
 
 @dataclass(slots=True)
@@ -55,6 +61,7 @@ def smoothed(
         At the seconds, and the end, at which the causal track has a point, and at those before its
         first one that what came later tells; that track itself where the profile has no smoother.
     """
+    params = _unhurried(params)
     state, history = start(), _History()
     outputs: list[Output] = []
     for observation in observations:
@@ -69,6 +76,13 @@ def smoothed(
         return tuple(points)
     points = _beginning(outputs, points[0], params.report) + points
     return _placed(points, history, (site, params), params.smoother)
+
+
+def _unhurried(params: Params) -> Params:
+    if params.smoother is None:
+        return params
+    match = replace(params.match, wifi_start_s=params.smoother.wifi_start_s)
+    return replace(params, match=match)
 
 
 def _remember(history: _History, state: SessionState, time_s: float) -> None:
@@ -130,12 +144,29 @@ def _placed(
     times = [leg.time_s for leg in legs]
     told_s = next(leg.time_s for leg in legs if leg.sighting is not None)
     placed = []
-    for point in points:
+    for point, place in zip(points, _on_the_way(points, legs, path), strict=True):
         at = max(bisect_right(times, point.time_s) - 1, 0)
         unseen_m2 = params.fusion.unseen_m2ps * max(told_s - point.time_s, 0.0)
-        moved = _moved(point, path.place[at], path.covariance[at] + unseen_m2 * np.eye(2), report)
+        moved = _moved(point, place, path.covariance[at] + unseen_m2 * np.eye(2), report)
         placed.append(_on_floor(moved, floor_of[at], site))
     return tuple(placed)
+
+
+def _on_the_way(points: list[TrackPoint], legs: list[Leg], path: Path) -> FloatArray:
+    """Return the place of each point (n, 2): its leg's, and what was done of the next stride."""
+    times = [leg.time_s for leg in legs]
+    strides = [i for i, leg in enumerate(legs) if i and len(leg.length_m)]
+    ends_s = [times[i] for i in strides]
+    places = np.empty((len(points), 2))
+    for row, point in enumerate(points):
+        places[row] = path.place[max(bisect_right(times, point.time_s) - 1, 0)]
+        after = bisect_right(ends_s, point.time_s)
+        if after < len(strides):
+            i, end_s = strides[after], ends_s[after]
+            begin_s = max([end_s - STRIDE_S, *ends_s[max(after - 1, 0) : after]])
+            done = max(point.time_s - begin_s, 0.0) / (end_s - begin_s)
+            places[row] += done * (path.place[i] - path.place[i - 1])
+    return places
 
 
 def _path(

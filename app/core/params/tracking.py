@@ -80,6 +80,9 @@ class SmootherParams:
 
     Attributes
     ----------
+    wifi_start_s
+        As in `MatchParams`: a finished track need not wait, since later scans correct the first
+        ones (ms2020: with what beacons alone told there it is 2 % better).
     tempering, way_weight
         As in `FusionParams`, for particles that follow the walk from both its ends: each scan
         counts twice, and what is known from there leaves more to the ways.
@@ -109,6 +112,7 @@ class SmootherParams:
         As in `ReportParams`, for smoothed points.
     """
 
+    wifi_start_s: float = 0.0
     tempering: float = 0.3
     way_weight: float = 0.12
     both_ways_share: float = 0.5
