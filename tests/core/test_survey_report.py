@@ -39,7 +39,7 @@ def hall_cells() -> np.ndarray:
 
 def test_leaving_a_walk_out_is_matching_with_a_map_that_lacks_it():
     whole = surveyed_hall(np.random.default_rng(1), hole_from_m=10.0)
-    for row, (query, matches) in enumerate(left_out_matches(whole, MATCHING)):
+    for row, query, matches in left_out_matches(whole, MATCHING):
         if row % 17:
             continue
         others = np.array([walk != whole.survey_walks[row] for walk in whole.survey_walks])

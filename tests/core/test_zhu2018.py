@@ -98,11 +98,11 @@ def test_a_further_fix_is_fused() -> None:
 def test_beacons_alone_make_a_fix_each_second_once_wifi_is_not_to_be_expected() -> None:
     scans = [BleScan(100.0 + s, heard(30.0, "b")) for s in range(7)]
     told = [finish(folded(*scans[: i + 1]), SITE, PARAMS)[-1] for i in range(len(scans))]
-    assert [isinstance(point, TrackPoint) for point in told] == [False] * 5 + [True] * 2
+    assert [isinstance(point, TrackPoint) for point in told] == [False] * 4 + [True] * 3
     state = folded(*scans)
     assert place_m(state) == pytest.approx((30.0, 0.0), abs=2.0)
     assert isinstance(state.memory, ScheduledMemory)
-    assert (state.memory.began_s, state.memory.told_s) == (105.0, 106.0)
+    assert (state.memory.began_s, state.memory.told_s) == (104.0, 106.0)
 
 
 def test_a_scan_without_a_fix_leaves_the_filter_alone() -> None:

@@ -6,6 +6,7 @@ import numpy as np
 from numba import njit
 
 from app.core.changed import changed
+from app.core.engine.match_noise import match_variance_m2
 from app.core.engine.standing import ground_of
 from app.core.engine.state import SessionState
 from app.core.fingerprint.heard import Heard, heard_in
@@ -15,7 +16,7 @@ from app.core.fingerprint.query import Query, first_of, fresh_wifi_dbm, mean_ble
 from app.core.fingerprint.radio_map import RadioMap
 from app.core.fusion.particles import Particles, begin, update
 from app.core.fusion.sighting import Sighting
-from app.core.params import FusionParams, MatchParams, Params
+from app.core.params import MatchParams, Params
 from app.core.site import SiteModel
 from app.core.types import (
     BleScan,
@@ -101,7 +102,8 @@ def _match(
         return without(state, NoFixReason.OUTSIDE_MAPPED_AREA)
     votes = sums(matches.floor_index, matches.weight, len(site.floors))
     belief = believe(state, votes, time_s, params)
-    variance = _match_variance_m2(query, matches.nearest_sorensen, params.fusion)
+    known = params.match, params.fusion
+    variance = match_variance_m2(query, matches.nearest_sorensen, radio_map, known)
     places = np.stack((matches.x_m, matches.y_m), axis=1)
     noise = (variance, 0.0, variance)
     sighting = Sighting(time_s, places, matches.weight, noise, votes, matches.floor_index)
@@ -151,17 +153,6 @@ def correct(
     else:
         track = begin(sighting, floor, params.fusion)
     return changed(state, track=track, told_s=sighting.time_s, method=method, evidence=evidence)
-
-
-def _match_variance_m2(query: Query, nearest_sorensen: float, params: FusionParams) -> float:
-    """Return the variance of a fingerprint's candidates about the truth: R = r0 (1 + r1 D1⁴).
-
-    The less the nearest fingerprint resembles what is heard, the farther the phone is from it. A
-    few beacons resemble some fingerprint anywhere, and D1² tells as much of them as can be told.
-    """
-    if query.wifi_dbm:
-        return params.noise_m2 * (1.0 + params.noise_sorensen * nearest_sorensen**4)
-    return params.noise_m2 * (1.0 + params.noise_beacons_sorensen * nearest_sorensen**2)
 
 
 def believe(state: SessionState, votes: FloatArray, time_s: float, params: Params) -> FloatArray:

@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from app.core.engine.anchoring import anchor_floors, anchor_levels, wall_loss_db
+from app.core.engine.match_noise import noise_ratio
 from app.core.engine.order import order_key
 from app.core.engine.profiles import PROFILES
 from app.core.engine.smoothing import smoothed
@@ -35,6 +36,7 @@ def prepare(site: SiteModel, params: Params) -> None:
     grounds(site)
     if site.radio_map is not None:
         match_index(site.radio_map, params.match)
+        noise_ratio(site.radio_map, params.match, params.fusion)
     if site.anchors:
         anchor_floors(site)
         anchor_levels(site, params.lateration.phone_height_m)

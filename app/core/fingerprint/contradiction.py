@@ -119,7 +119,7 @@ def learned_weights(radio_map: RadioMap, matching: MatchParams) -> Weights:
     as_mapped, elsewhere = (np.zeros(_PRESENCES * _DEVIATIONS + len(_APART_M) + 1) for _ in "01")
     silent, expected = (np.zeros(_PRESENCES * _EXPECTATIONS) for _ in "01")
     turn = 0
-    for row, (query, matches) in enumerate(left_out_matches(surveyed, matching)):
+    for row, query, matches in left_out_matches(surveyed, matching):
         if matches is None:
             continue
         places = _Places(surveyed, walk, int(walk[row]))

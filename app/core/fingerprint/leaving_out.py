@@ -1,5 +1,6 @@
 """A radio map asked about itself: each surveyed scan matched as if its own walk were not there."""
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
@@ -80,9 +81,11 @@ def walk_numbers(radio_map: RadioMap) -> IntArray:
 
 
 def left_out_matches(
-    radio_map: RadioMap, params: MatchParams
-) -> Iterator[tuple[Query, Matches | None]]:
-    """Yield for each surveyed row its query, and what of the other walks' rows it resembles.
+    radio_map: RadioMap, params: MatchParams, most: int | None = None
+) -> Iterator[tuple[int, Query, Matches | None]]:
+    """Yield each surveyed row, its query, and what of the other walks' rows it resembles.
+
+    Of more than ``most`` rows every other one, or every third and so on, is asked.
 
     The matcher is asked for as many candidates more as the longest walk has rows, and the walk's
     own are dropped: what a map without that walk would answer, but that the walk's rows still count
@@ -95,11 +98,12 @@ def left_out_matches(
     longest = int(np.bincount(walk[surveyed]).max()) if len(surveyed) else 0
     wider = replace(params, k=params.k + longest)
     crowd = match_index(radio_map, wider).crowd
-    for row in surveyed.tolist():
+    step = 1 if most is None else max(math.ceil(len(surveyed) / most), 1)
+    for row in surveyed[::step].tolist():
         query = query_of(radio_map, row)
         matches = match(query, radio_map, wider)
         own = walk == walk[row]
-        yield query, None if matches is None else _of_others(matches, (own, crowd), params)
+        yield row, query, None if matches is None else _of_others(matches, (own, crowd), params)
 
 
 def _of_others(

@@ -106,7 +106,7 @@ def left_out_fixes(radio_map: RadioMap, params: MatchParams) -> LeftOut:
     heard = radio_map.of_rows(~is_virtual(radio_map))
     surveyed = heard.of_rows(is_surveyed(heard))
     fixes = np.full((surveyed.rows, 4), np.nan)
-    for row, (_, matches) in enumerate(left_out_matches(heard, params)):
+    for row, (_, _, matches) in enumerate(left_out_matches(heard, params)):
         if matches is not None:
             fix = single_fix(matches)
             fixes[row] = fix.floor_index, fix.x_m, fix.y_m, fix.spread_m

@@ -23,8 +23,9 @@ class FusionParams:
         Error of one step's length and direction; larger than the sensors' own, since successive
         scans err alike and must not be averaged for too long.
     noise_m2, noise_sorensen
-        Variance of candidates about the truth: noise (1 + noise_sorensen D1⁴), D1 the Sørensen
-        distance of the nearest fingerprint (0.1 to 0.3 on a good map).
+        Variance of candidates about the truth: noise (1 + q noise_sorensen D1⁴), D1 the Sørensen
+        distance of the nearest fingerprint (0.1 to 0.3 on a good map), q the map's own (about 1,
+        see `app.core.engine.match_noise`).
     noise_beacons_sorensen
         The same where only advertisements were matched, times D1²: few beacons resemble many
         places.
@@ -183,7 +184,7 @@ class ReportParams:
     silence_s: float = 10.0
     max_age_s: float = 60.0
     fused_s: float = 10.0
-    covariance_scale: float = 2.6
+    covariance_scale: float = 2.5
     extra_variance_m2: float = 3.0
     laterated_s: float = 5.0
     laterated_scale: float = 3.0
