@@ -36,6 +36,12 @@ class Settings(BaseSettings):
     token_cache_s: float = Field(
         5.0, ge=0, description="Seconds that a token looked up in the database is remembered."
     )
+    ingest_wait_s: float = Field(
+        2.0, gt=0, description="Seconds that a phone's batch waits to be stored before it gets 503."
+    )
+    edit_wait_s: float = Field(
+        5.0, gt=0, description="Seconds that an edit waits to be stored before it gets 503."
+    )
 
     max_body_bytes: int = Field(1 << 20, gt=0, description="Largest request body as sent.")
     max_decoded_bytes: int = Field(8 << 20, gt=0, description="Largest body after decompression.")

@@ -72,7 +72,7 @@ def create_app(settings: Settings, clock: Clock | None = None) -> FastAPI:
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         await asyncio.to_thread(prepare_database, settings)
         await asyncio.to_thread(warm_up)
-        database = Database(settings.database_url)
+        database = Database(settings.database_url, edit_wait_s=settings.edit_wait_s)
         try:
             context, housekeeping = _build(settings, database, own_clock)
             await context.uploads.recover()
@@ -162,7 +162,9 @@ def _build(settings: Settings, database: Database, clock: Clock) -> tuple[ApiCon
     directory = SiteDirectory(database)
     hub = Hub()
     ports = SessionPorts(
-        SqlObservationLog(database), SqlSnapshotStore(database), SqlTrackStore(database)
+        SqlObservationLog(database, settings.ingest_wait_s),
+        SqlSnapshotStore(database),
+        SqlTrackStore(database),
     )
     limits = SessionLimits(evict_s=settings.session_evict_s, idle_s=settings.session_idle_s)
     registry = SessionRegistry(ports, directory, hub, clock, limits)

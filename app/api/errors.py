@@ -113,6 +113,12 @@ def respond(request: Request, error: AppError) -> JSONResponse:
     )
 
 
+def log_outage(what: str, error: AppError) -> None:
+    """Log why ``what`` could not be stored or read now; who asked is told to come back, no more."""
+    if error.code is ErrorCode.UNAVAILABLE and error.__cause__ is not None:
+        _LOG.warning("%s: %s: %s", what, error.detail, error.__cause__)
+
+
 @contextmanager
 def pointing_to_query() -> Iterator[None]:
     """Name, in what is refused inside, parameters of the query in place of fields of the body.
@@ -143,6 +149,7 @@ def _pointer(loc: Sequence[str | int]) -> str:
 
 async def _on_app_error(request: Request, exc: Exception) -> JSONResponse:
     assert isinstance(exc, AppError)  # noqa: S101 - registered for this class
+    log_outage(f"request {request_id_of(request)}", exc)
     return respond(request, exc)
 
 

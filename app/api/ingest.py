@@ -9,7 +9,7 @@ from fastapi import APIRouter, Depends, Request, Response, WebSocket, WebSocketD
 from app.api.auth import Principal, Role, identify, require
 from app.api.body import read_json_body
 from app.api.context import ApiContext, context_of
-from app.api.errors import AppError, problem
+from app.api.errors import AppError, log_outage, problem
 from app.api.fix import output_json
 from app.api.ingest_decode import decode_body, decode_records, rejection_json
 from app.api.ingest_openapi import INGEST_BODY, INGEST_REPLY
@@ -73,6 +73,7 @@ async def _answer(context: ApiContext, principal: Principal, body: bytes) -> dic
     try:
         return {"op": "ack", "seq": seq, **await _take(context, principal, body)}
     except AppError as refused:
+        log_outage(f"batch {seq} of a socket", refused)
         document = problem(refused)
         if refused.retry_after_s is not None:
             document["retry_after_s"] = refused.retry_after_s

@@ -11,9 +11,6 @@ from app.storage.rows import DuplicateError, StaleError
 
 T = TypeVar("T")
 
-WRITE_TIMEOUT_S = 5.0
-"""An admin waits this long behind the observation log's group commits before being told."""
-
 SeenVersions: TypeAlias = frozenset[str] | None
 """Row versions that an edit may have been made on; None: whatever is stored."""
 
@@ -21,7 +18,7 @@ SeenVersions: TypeAlias = frozenset[str] | None
 async def write(database: Database, statement: Callable[[Connection], T]) -> T:
     """Run one transaction; its expected failures become `AppError`."""
     try:
-        return await database.write(statement, WRITE_TIMEOUT_S)
+        return await database.write(statement, database.edit_wait_s)
     except DuplicateError as error:
         raise AppError(ErrorCode.CONFLICT, str(error)) from error
     except StaleError as error:

@@ -57,11 +57,20 @@ class Database:
         Most writes in one transaction, which bounds how long the first of them waits.
     readers
         Concurrent reads.
+    edit_wait_s
+        How long an edit waits for its commit, behind the observation log's groups.
     """
 
     def __init__(
-        self, url: str, *, queue_limit: int = 20_000, group_limit: int = 256, readers: int = 4
+        self,
+        url: str,
+        *,
+        queue_limit: int = 20_000,
+        group_limit: int = 256,
+        readers: int = 4,
+        edit_wait_s: float = 5.0,
     ) -> None:
+        self.edit_wait_s = edit_wait_s
         self._writing = writing_engine(url)
         self._reading = reading_engine(url, readers)
         self._readers = ThreadPoolExecutor(readers, thread_name_prefix="pharos-read")
@@ -82,20 +91,28 @@ class Database:
     async def write(self, statement: Statement[T], timeout_s: float | None = None) -> T:
         """Run ``statement(connection)`` in the writer and return its value once it is committed.
 
+        ``timeout_s`` is of the clock on the wall, whoever is slow: the disk, another process's
+        lock, the writes before this one, or a machine that lets neither thread run.
+
         Raises
         ------
         DatabaseUnavailableError
             If the commit did not come within ``timeout_s``, was refused, or the queue is full.
         """
         future = self._enqueue(statement, keep=False)
-        try:
-            # A write that is still waiting when the time is up is cancelled and never runs.
-            async with asyncio.timeout(timeout_s):
-                with _outages():
+        with _outages():
+            try:
+                # A write that is still waiting when the time is up is cancelled and never runs.
+                async with asyncio.timeout(timeout_s):
                     return await asyncio.wrap_future(future)
-        except TimeoutError as error:
-            msg = f"no commit within {timeout_s} s"
-            raise DatabaseUnavailableError(msg) from error
+            except TimeoutError as error:
+                # A loop that was held up learns of the commit and of the time together; what is
+                # stored must not be told as lost.
+                if future.done() and not future.cancelled():
+                    return future.result()
+                fate = "it never runs" if future.cancelled() else "it may yet be stored"
+                msg = f"no commit within {timeout_s} s; {fate}"
+                raise DatabaseUnavailableError(msg) from error
 
     async def write_in_strides(self, stride: Statement[int]) -> int:
         """Run ``stride(connection)``, which changes a bounded number of rows, until none is left.

@@ -44,10 +44,10 @@ class SqlObservationLog:
     Parameters
     ----------
     limit_s
-        How long a write may take before the phone is told to come back.
+        How long a write may take before the phone is told to come back; None: as long as it takes.
     """
 
-    def __init__(self, database: Database, limit_s: float = 2.0) -> None:
+    def __init__(self, database: Database, limit_s: float | None = None) -> None:
         self._database = database
         self._limit_s = limit_s
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 import httpx
 import pytest
 from fastapi import FastAPI
+from server_process import PATIENCE
 from sqlalchemy import Connection
 
 from app.config import Settings
@@ -91,7 +92,8 @@ async def serving(database_url: str, **settings: object) -> AsyncIterator[ApiSer
     """Run the application over a migrated database."""
     clock = MovableClock()
     secrets = fill(database_url)
-    app = create_app(Settings(database_url=database_url, migrate=False, **settings), clock)
+    chosen = {**PATIENCE, **settings}
+    app = create_app(Settings(database_url=database_url, migrate=False, **chosen), clock)
     async with app.router.lifespan_context(app):
         yield ApiServer(app, clock, secrets)
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import uvicorn
 from api_server import ApiServer, MovableClock, fill
+from server_process import PATIENCE
 from websockets.asyncio.client import ClientConnection, connect
 
 from app.config import Settings
@@ -31,15 +32,16 @@ class LiveServer:
 
 
 @asynccontextmanager
-async def listening(database_url: str) -> AsyncIterator[LiveServer]:
+async def listening(database_url: str, **settings: object) -> AsyncIterator[LiveServer]:
     """Serve a migrated database on a free port."""
     clock = MovableClock()
     secrets = fill(database_url)
     listener = socket.create_server(("127.0.0.1", 0))
     port = listener.getsockname()[1]
-    settings = Settings(database_url=database_url, migrate=False, port=port, log_level="warning")
-    app = create_app(settings, clock)
-    server = uvicorn.Server(uvicorn.Config(app, **uvicorn_options(settings)))
+    chosen = {"migrate": False, "port": port, "log_level": "warning", **PATIENCE, **settings}
+    used = Settings(database_url=database_url, **chosen)
+    app = create_app(used, clock)
+    server = uvicorn.Server(uvicorn.Config(app, **uvicorn_options(used)))
     serving = asyncio.create_task(server.serve([listener]))
     try:
         while not server.started:

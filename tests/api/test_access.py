@@ -97,9 +97,10 @@ async def test_readiness_names_what_answers(server: ApiServer) -> None:
 
 
 async def test_a_database_that_takes_no_writes_is_told_as_503(
-    server: ApiServer, database_url: str
+    database_url: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    async with server.client("phone-7") as client:
+    monkeypatch.setattr("app.storage.engines.BUSY_TIMEOUT_MS", 100)
+    async with serving(database_url) as server, server.client("phone-7") as client:
         assert (await client.post("/v1/ingest", json=batch())).is_success
         with closing(sqlite3.connect(database_url.removeprefix("sqlite:///"))) as other:
             other.execute("BEGIN IMMEDIATE")
@@ -111,6 +112,21 @@ async def test_a_database_that_takes_no_writes_is_told_as_503(
         assert (refused.status_code, refused.json()["code"]) == (503, "unavailable")
         assert int(refused.headers["retry-after"]) > 0
         assert (await client.post("/v1/ingest", json=batch(seq=1))).is_success
+
+
+async def test_how_long_a_write_waits_is_set_and_the_log_says_that_it_was_too_long(
+    database_url: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    waits = {"ingest_wait_s": 0.01, "edit_wait_s": 0.02}
+    async with serving(database_url, **waits) as server, server.client() as client:
+        with closing(sqlite3.connect(database_url.removeprefix("sqlite:///"))) as other:
+            other.execute("BEGIN IMMEDIATE")
+            posted = await client.post("/v1/ingest", json=batch(site="lab"))
+            edited = await client.post("/v1/sites", json={"site_id": "shed", "name": "Shed"})
+    assert [reply.json()["code"] for reply in (posted, edited)] == ["unavailable"] * 2
+    for reply, wait_s in ((posted, 0.01), (edited, 0.02)):
+        (line,) = (x for x in caplog.messages if reply.headers["x-request-id"] in x)
+        assert f"no commit within {wait_s} s" in line
 
 
 async def test_too_many_waiting_batches_are_told_as_429(

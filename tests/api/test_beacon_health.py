@@ -8,6 +8,7 @@ from contextlib import closing
 import pytest
 from api_server import NOW_S, ApiServer, batch, ble_record, serving
 from httpx import AsyncClient
+from server_process import PATIENCE
 
 from app.config import Settings
 from app.main import create_app
@@ -167,7 +168,7 @@ async def test_while_no_write_is_taken_what_is_stored_is_read(
 async def test_it_outlives_a_restart_without_anybody_having_asked(database_url: str) -> None:
     async with serving(database_url) as server, server.client() as admin:
         await post(admin, told(ble_record(6.0, 4.0, NOW_MS), 1, tlm=TLM))
-    server.app = create_app(Settings(database_url=database_url), server.clock)
+    server.app = create_app(Settings(database_url=database_url, **PATIENCE), server.clock)
     async with server.app.router.lifespan_context(server.app), server.client() as admin:
         found = await beacon(admin, "b1")
         assert found["last_heard_at"] == "2026-11-22T02:20:01.000Z"

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from api_server import NOW_S, ApiServer, MovableClock, fill
+from server_process import PATIENCE
 
 from app.config import Settings
 from app.main import create_app
@@ -57,7 +58,7 @@ async def restarted(
     database.write_now(leave)
     database.close_now()
     clock = MovableClock()
-    app = create_app(Settings(database_url=database_url, migrate=False), clock)
+    app = create_app(Settings(database_url=database_url, migrate=False, **PATIENCE), clock)
     async with app.router.lifespan_context(app):
         yield ApiServer(app, clock, secrets)
 

@@ -1,9 +1,10 @@
 """WS /v1/ingest/stream and WS /v1/stream behind a real uvicorn."""
 
 import asyncio
+import contextlib
 import json
+import sqlite3
 from collections.abc import AsyncIterator
-from contextlib import suppress
 from typing import Any
 
 import pytest
@@ -36,7 +37,7 @@ async def hear(socket: ClientConnection) -> dict[str, Any]:
 
 async def closing(socket: ClientConnection) -> tuple[int | None, str]:
     async with asyncio.timeout(10):
-        with suppress(ConnectionClosed):
+        with contextlib.suppress(ConnectionClosed):
             async for _ in socket:
                 pass
     return socket.close_code, socket.close_reason or ""
@@ -77,6 +78,21 @@ async def test_a_bad_frame_is_answered_and_the_socket_stays(live: LiveServer) ->
         await ask(socket, batch(ble_record(1.0, 1.0, NOW_MS), seq=6))
         conflict = await ask(socket, batch(ble_record(2.0, 1.0, NOW_MS), seq=6))
         assert conflict["problem"]["code"] == "seq_conflict"
+
+
+async def test_a_batch_that_cannot_be_stored_in_time_is_refused_and_the_log_says_why(
+    database_url: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    async with (
+        listening(database_url, ingest_wait_s=0.01) as live,
+        live.socket("/v1/ingest/stream", "phone-7") as socket,
+    ):
+        with contextlib.closing(sqlite3.connect(database_url.removeprefix("sqlite:///"))) as other:
+            other.execute("BEGIN IMMEDIATE")
+            answer = await ask(socket, batch(seq=3))
+    assert (answer["seq"], answer["problem"]["code"]) == (3, "unavailable")
+    (line,) = (x for x in caplog.messages if "batch 3" in x)
+    assert "no commit within 0.01 s" in line
 
 
 async def test_frames_that_are_too_long_or_no_text_end_the_socket(live: LiveServer) -> None:

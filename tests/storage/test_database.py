@@ -40,6 +40,10 @@ class Gate:
     async def reached(self) -> None:
         await asyncio.to_thread(self._reached.wait)
 
+    def hold_up_loop(self) -> None:
+        """Let nothing else run, not even the clock of a limit, before the writer is there."""
+        assert self._reached.wait(10)
+
     def open(self) -> None:
         self._open.set()
 
@@ -110,10 +114,26 @@ async def test_nothing_is_acknowledged_before_its_commit(database: Database):
 
 async def test_a_write_that_waits_too_long_is_refused_and_never_runs(database: Database):
     async with held_writer(database):
-        with pytest.raises(DatabaseUnavailableError):
+        with pytest.raises(DatabaseUnavailableError, match="it never runs"):
             await database.write(add("late"), timeout_s=0.01)
     await database.flush()
     assert await database.read(names) == []
+
+
+async def test_a_commit_that_has_begun_may_yet_come_when_the_time_is_up(database: Database):
+    gate = Gate()
+    (late,) = await queued(database.write(gate.hold, timeout_s=0.0))
+    gate.hold_up_loop()
+    with pytest.raises(DatabaseUnavailableError, match="it may yet be stored"):
+        await late
+    gate.open()
+
+
+async def test_a_commit_counts_when_a_held_up_loop_learns_of_it_too_late(database: Database):
+    (writing,) = await queued(database.write(add("a"), timeout_s=0.0))
+    # The loop stands here until the commit is done, and comes to the end of the time after that.
+    database.write_now(lambda _: None)
+    assert await writing == "a"
 
 
 async def test_a_full_queue_refuses_and_counts_what_was_submitted(storage_url: str):

@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import textwrap
+import threading
 from functools import partial
 from pathlib import Path
 
@@ -166,8 +167,11 @@ async def test_purged_batches_keep_whose_clock_timed_what_is_left(
 
 async def test_a_log_that_cannot_be_written_in_time_says_so(log: SqlObservationLog, database):
     slow = SqlObservationLog(database, limit_s=0.0)
-    with pytest.raises(LogUnavailableError):
+    told = threading.Event()
+    database.submit(lambda _: told.wait(10) and None)
+    with pytest.raises(LogUnavailableError, match="no commit within"):
         await slow.append(logged_batch(1, wifi_scan(10.0)), CLOCK)
+    told.set()
     await database.close()
     with pytest.raises(LogUnavailableError, match="closed"):
         await log.append(logged_batch(1, wifi_scan(10.0)), CLOCK)
