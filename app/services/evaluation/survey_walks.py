@@ -158,7 +158,8 @@ def _track_figures(building: BuildingFolder, maps: dict[ms2020.Split, SiteModel]
         for path in floor.traces
         if fold_of(trace_id_of(path)) == split.asked
     ]
-    figures = walk_figures([scored.walk for scored in ms2020.score_traces(tasks, maps)])
+    followed = [one for one in ms2020.score_traces(tasks, maps) if not isinstance(one, str)]
+    figures = walk_figures([scored.walk for scored in followed])
     return {
         "mean_error_m": figures["mean_error_m"],
         "p95_error_m": figures["p95_error_m"],
