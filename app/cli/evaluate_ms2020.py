@@ -13,6 +13,7 @@ from rich.progress import track
 from app.cli.errors import CommandError
 from app.cli.evaluate_output import JsonOption, give
 from app.core.engine import PROFILES
+from app.formats.ms2020 import floor_folder_of
 from app.formats.ms2020_site import BuildingFolder, BuildingFolderError, read_building
 from app.formats.ms2020_survey import SurveyWalk
 from app.services.evaluation import ms2020
@@ -129,7 +130,9 @@ def _followed(
 
 
 def _pass_over(path: Path, reason: str, console: Console) -> None:
-    console.print(f"{path.parent.name}/{path.name} is passed over: {reason}", style="yellow")
+    console.print(
+        f"{floor_folder_of(path).name}/{path.name} is passed over: {reason}", style="yellow"
+    )
 
 
 def _walks(building: BuildingFolder, console: Console) -> list[SurveyWalk]:
