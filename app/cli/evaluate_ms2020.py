@@ -54,7 +54,7 @@ def evaluate_ms2020(  # noqa: PLR0913 - options of a command
     following = track(walking, "Following walks", total=len(tasks), console=console, transient=True)
     scored = list(_followed(tasks, following, console))
     if not any(task.split == ms2020.TEST for task, _ in scored):
-        msg = "no trace of fold 0 can be read"
+        msg = "no trace of fold 0 can be used"
         raise CommandError(msg)
     names = ",".join(floor.name for floor in building.floors)
     share = "" if map_share == 1.0 else f" --map-share {map_share:g}"
@@ -119,7 +119,7 @@ def _followed(
     following: Iterable[ms2020.ScoredTrace | str],
     console: Console,
 ) -> Iterator[tuple[ms2020.Task, ms2020.ScoredTrace]]:
-    """Yield the traces that can be read, and say of each other one once why not."""
+    """Yield the traces that can be used, and say of each other one once why not."""
     said = set[Path]()
     for task, scored in zip(tasks, following, strict=True):
         if isinstance(scored, ms2020.ScoredTrace):

@@ -156,7 +156,7 @@ def _floor(building: BuildingFolder, site_id: str, folder: FloorFolder) -> Floor
 def score_traces(
     tasks: Sequence[Task], sites: dict[Split, SiteModel]
 ) -> Iterator[ScoredTrace | str]:
-    """Follow the trace of every task, on all cores, in order; in words why one cannot be read."""
+    """Follow the trace of every task, on all cores, in order; in words why one cannot be used."""
     return on_all_cores(_score_task, tasks, _begin, (sites, tasks[0]))
 
 
@@ -175,6 +175,8 @@ def _score_task(task: Task) -> ScoredTrace | str:
         trace = read_trace(task.path)
     except (ValueError, OSError) as error:
         return str(error)
+    if not len(trace.waypoints):
+        return "no waypoint in it"
     posted = replace(trace, observations=PHONES[task.phone](trace.observations))
     return score_trace(posted, _sites[task.split], params)
 
