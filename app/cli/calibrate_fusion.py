@@ -16,7 +16,7 @@ from app.cli.evaluate_output import JsonOption
 from app.cli.files import write_file
 from app.core.fusion.blending import Three
 from app.core.fusion.blending_weights import Unidentified, WeightFit
-from app.formats.ms2020 import Trace, read_trace
+from app.formats.ms2020 import Trace, floor_folder_of, read_trace
 from app.formats.ms2020_site import BuildingFolder, BuildingFolderError, read_building
 from app.formats.ms2020_survey import SurveyWalk, survey_walk_or_reason
 from app.services.evaluation.parallel import on_all_cores
@@ -49,7 +49,7 @@ def calibrate_fusion(
     """
     console = Console(stderr=True)
     walks = [_trace(path) for path in traces]
-    folder = _building(building or traces[0].resolve().parent.parent)
+    folder = _building(building or floor_folder_of(traces[0].resolve()).parent)
     _refuse_strangers(walks, folder)
     site = calibration_site(folder, list(_surveyed(map_paths(folder, traces), console)))
     found = calibrated_fusion(walks, site)
@@ -105,7 +105,9 @@ def _surveyed(paths: Sequence[Path], console: Console) -> Iterator[SurveyWalk]:
         if isinstance(walk, SurveyWalk):
             yield walk
         else:
-            console.print(f"{path.parent.name}/{path.name} is passed over: {walk}", style="yellow")
+            console.print(
+                f"{floor_folder_of(path).name}/{path.name} is passed over: {walk}", style="yellow"
+            )
 
 
 def _print(found: FusionCalibration) -> None:

@@ -1,6 +1,6 @@
 """``pharos evaluate ms2020``: the engine on the held-out walks of a building."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -13,6 +13,7 @@ from rich.progress import track
 from app.cli.errors import CommandError
 from app.cli.evaluate_output import JsonOption, give
 from app.core.engine import PROFILES
+from app.formats.ms2020 import floor_folder_of
 from app.formats.ms2020_site import BuildingFolder, BuildingFolderError, read_building
 from app.formats.ms2020_survey import SurveyWalk
 from app.services.evaluation import ms2020
@@ -50,15 +51,11 @@ def evaluate_ms2020(  # noqa: PLR0913 - options of a command
     splits = {task.split for task in tasks}
     sites = ms2020.sites_of(building, _walks(building, console), splits, map_share)
     walking = ms2020.score_traces(tasks, sites)
-    scored = list(
-        track(
-            zip(tasks, walking, strict=True),
-            "Following walks",
-            total=len(tasks),
-            console=console,
-            transient=True,
-        )
-    )
+    following = track(walking, "Following walks", total=len(tasks), console=console, transient=True)
+    scored = list(_followed(tasks, following, console))
+    if not any(task.split == ms2020.TEST for task, _ in scored):
+        msg = "no trace of fold 0 can be used"
+        raise CommandError(msg)
     names = ",".join(floor.name for floor in building.floors)
     share = "" if map_share == 1.0 else f" --map-share {map_share:g}"
     share += "" if phone == "recorded" else f" --phone {phone}"
@@ -117,6 +114,27 @@ def chosen_building(folder: Path, floors: str | None) -> BuildingFolder:
     return replace(building, floors=tuple(f for f in building.floors if f.name in wanted))
 
 
+def _followed(
+    tasks: Sequence[ms2020.Task],
+    following: Iterable[ms2020.ScoredTrace | str],
+    console: Console,
+) -> Iterator[tuple[ms2020.Task, ms2020.ScoredTrace]]:
+    """Yield the traces that can be used, and say of each other one once why not."""
+    said = set[Path]()
+    for task, scored in zip(tasks, following, strict=True):
+        if isinstance(scored, ms2020.ScoredTrace):
+            yield task, scored
+        elif task.path not in said:
+            said.add(task.path)
+            _pass_over(task.path, scored, console)
+
+
+def _pass_over(path: Path, reason: str, console: Console) -> None:
+    console.print(
+        f"{floor_folder_of(path).name}/{path.name} is passed over: {reason}", style="yellow"
+    )
+
+
 def _walks(building: BuildingFolder, console: Console) -> list[SurveyWalk]:
     paths = ms2020.map_paths(building)
     reading: Iterable[SurveyWalk | str] = track(
@@ -137,4 +155,4 @@ def usable_walks(
         if isinstance(walk, SurveyWalk):
             yield walk
         else:
-            console.print(f"{path.parent.name}/{path.name} is passed over: {walk}", style="yellow")
+            _pass_over(path, walk, console)

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.image import imread
 
 from app.cli.errors import CommandError
+from app.formats.ms2020 import floor_folder_of
 from app.formats.ms2020_site import BuildingFolder, FloorFolder
 from app.services.evaluation.ms2020 import TEST, ScoredTrace, Task
 
@@ -31,7 +32,7 @@ def plot_walks(
         _save(_error_curves(tested), folder / "error_cdf.png")
         for task, trace in tested:
             (folder / task.profile).mkdir(exist_ok=True)
-            drawn = _trace_on_plan(trace, floors[task.path.parent.name])
+            drawn = _trace_on_plan(trace, floors[floor_folder_of(task.path).name])
             _save(drawn, folder / task.profile / f"{trace.trace_id}.png")
     except OSError as error:
         msg = f"the pictures cannot be written: {error}"

@@ -14,7 +14,7 @@ from rich.progress import track
 
 from app.cli.errors import CommandError
 from app.cli.local import CLOCK, DatabaseOption, local_database
-from app.formats.ms2020 import fold_of, trace_id_of
+from app.formats.ms2020 import floor_folder_of, fold_of, trace_id_of
 from app.formats.ms2020_site import BuildingFolderError, read_building
 from app.formats.ms2020_survey import SurveyWalk, survey_walk_or_reason
 from app.services.building_import import (
@@ -88,7 +88,9 @@ def _read_walks(paths: Sequence[Path], console: Console) -> list[SurveyWalk]:
         if isinstance(walk, SurveyWalk):
             walks.append(walk)
         else:
-            console.print(f"{path.parent.name}/{path.name} is passed over: {walk}", style="yellow")
+            console.print(
+                f"{floor_folder_of(path).name}/{path.name} is passed over: {walk}", style="yellow"
+            )
     if not walks:
         msg = "no walk in it can be used for a radio map; nothing was stored"
         raise CommandError(msg)

@@ -75,7 +75,7 @@ def _chosen(given: Iterable[Path], folds: frozenset[int]) -> Iterable[Path]:
             paths = [path]
         elif path.is_dir():
             folders = [path, *sorted(inner for inner in path.iterdir() if inner.is_dir())]
-            of_folders = (trace for folder in folders for trace in trace_paths(folder))
+            of_folders = dict.fromkeys(trace for folder in folders for trace in trace_paths(folder))
             paths = [trace for trace in of_folders if fold_of(trace_id_of(trace)) in folds]
         else:
             msg = f"there is no trace or folder {path}"

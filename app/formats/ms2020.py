@@ -19,6 +19,8 @@ from app.formats.trace_samples import TraceSamples, level
 from app.formats.transmitters import ibeacon_key, mac_key
 
 _SUFFIXES = (".txt.xz", ".txt")
+TRACES_FOLDER = "path_data_files"
+"""Where the competition's own repository keeps a floor's traces."""
 SENSORS = {
     "TYPE_ACCELEROMETER": "acc",
     "TYPE_GYROSCOPE": "gyro",
@@ -58,8 +60,15 @@ def fold_of(trace_id: str) -> int:
 
 
 def trace_paths(folder: Path) -> list[Path]:
-    """Return the trace files of a folder, by name."""
-    return sorted(p for p in folder.iterdir() if p.name.endswith(_SUFFIXES))
+    """Return the trace files of a floor's folder, or in its folder of traces, by name."""
+    inside = [folder, *(p for p in (folder / TRACES_FOLDER,) if p.is_dir())]
+    paths = (p for each in inside for p in each.iterdir() if p.name.endswith(_SUFFIXES))
+    return sorted(paths, key=lambda p: p.name)
+
+
+def floor_folder_of(path: Path) -> Path:
+    """Return the floor's folder that a trace is in; its name is the floor's."""
+    return path.parent.parent if path.parent.name == TRACES_FOLDER else path.parent
 
 
 def read_trace(path: Path) -> Trace:
@@ -77,7 +86,9 @@ def read_trace(path: Path) -> Trace:
     except (lzma.LZMAError, EOFError) as error:
         msg = f"{path.name}: not a complete xz file ({error})"
         raise ValueError(msg) from error
-    return parse_trace(trace_id_of(path), path.parent.name, raw.decode("utf-8", "replace"))
+    return parse_trace(
+        trace_id_of(path), floor_folder_of(path).name, raw.decode("utf-8", "replace")
+    )
 
 
 def parse_trace(trace_id: str, floor_name: str, text: str) -> Trace:

@@ -94,10 +94,17 @@ def test_real_walks_give_every_figure_and_a_picture_each(shared_data: Path, tmp_
     drawings = ("floor_info.json", "floor_image.png", "geojson_map.json")
     for path in (*walks, *(floor / name for name in drawings)):
         (inside / path.name).symlink_to(path)
+    # It comes first, so it is also what a process would warm up with.
+    broken, aimless = [name for name in map(str, range(100)) if fold_of(name) == 0][:2]
+    (inside / f"{broken}.txt.xz").write_bytes(b"no xz file")
+    scan = "1000\tTYPE_WIFI\tshop\t02:00:5e:00:53:01\t-50\t2412\t1000\n"
+    (inside / f"{aimless}.txt").write_text(scan)
     pictures = tmp_path / "pictures"
     options = ("--map-share", "0.5", "--profile", "all", "--plot", pictures, "--json", "-")
     result = evaluate("ms2020", tmp_path / "mall", *options)
     assert result.exit_code == 0, result.output
+    assert result.stderr.count(f"F2/{broken}.txt.xz is passed over") == 1
+    assert result.stderr.count(f"F2/{aimless}.txt is passed over: no waypoint in it") == 1
     written = json.loads(result.stdout)
     best = written["profiles"]["best"]
     assert best["traces"] == 2

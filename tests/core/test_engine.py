@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from app.core.engine import advance, finish, in_order, order_key, smoothed, start
+from app.core.engine import PROFILES, advance, finish, in_order, order_key, smoothed, start
 from app.core.engine.order import Content
 from app.core.engine.report import radius95_m
 from app.core.fingerprint.radio_map import Fingerprint, build_radio_map
@@ -159,6 +159,28 @@ HEARD = {"mac:000000000000": -40.0, "mac:000000000001": -48.0, "mac:000000000002
 def test_no_position_has_a_reason(scan, reason, small_site):
     state, _ = fold([scan], small_site)
     assert finish(state, small_site, PARAMS) == (NoFix(scan.time_s, reason),)
+
+
+def test_a_phone_that_has_left_is_told_what_its_last_scans_say(small_site):
+    elsewhere = {f"mac:f{i:011x}": -50.0 for i in range(5)}
+    age_s = PARAMS.report.max_age_s
+    away = [scan_of(elsewhere, time_s=T0 + s) for s in np.arange(10.0, age_s + 20.0, 10.0)]
+    state, outputs = fold([scan_of(HEARD), *away], small_site)
+    assert isinstance(outputs[0], TrackPoint)
+    assert finish(state, small_site, PARAMS)[-1].reason is NoFixReason.UNKNOWN_TRANSMITTERS
+
+
+@pytest.mark.parametrize("profile", ["best", "liu2016"])
+def test_a_phone_that_went_silent_is_not_told_what_it_heard_before(profile, small_site):
+    params, state = PROFILES[profile].params, start()
+    strangers = scan_of({f"mac:f{i:011x}": -50.0 for i in range(5)}, time_s=T0 - 1.0)
+    late_s = T0 + params.report.max_age_s + 10.0
+    # liu2016 passes over beacons, and has nothing to say of them.
+    for last in (strangers, scan_of(HEARD), Steps(late_s, 1), BleScan(late_s, ())):
+        state, _ = advance(state, last, small_site, params)
+    assert state.told_s == T0
+    reason = finish(state, small_site, params)[-1].reason
+    assert reason is NoFixReason.NOTHING_HEARD
 
 
 def test_a_site_without_map_and_beacons_says_so(small_site):

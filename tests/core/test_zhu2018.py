@@ -12,7 +12,18 @@ from app.core.fusion.planar import PlanarTrack
 from app.core.fusion.scheduled import ScheduledMemory
 from app.core.fusion.sighting import Sighting
 from app.core.site import Floor, SiteModel
-from app.core.types import BleScan, Method, NoFix, Observation, Reading, Steps, TrackPoint, WifiScan
+from app.core.types import (
+    Anchor,
+    BleScan,
+    Method,
+    NoFix,
+    NoFixReason,
+    Observation,
+    Reading,
+    Steps,
+    TrackPoint,
+    WifiScan,
+)
 
 PARAMS = PROFILES["zhu2018"].params
 SPACING_M, COUNT = 5.0, 13
@@ -110,6 +121,15 @@ def test_a_scan_without_a_fix_leaves_the_filter_alone() -> None:
     state, _ = advance(before, WifiScan(102.0, ()), SITE, PARAMS)
     assert state.track is before.track
     assert state.memory is before.memory
+
+
+def test_without_a_radio_map_there_is_no_fix_and_that_is_why() -> None:
+    anchors = tuple(Anchor(f"b{i}", (f"mac:b{i}",), "a", 15.0 * i, 0.0) for i in range(5))
+    site = replace(SITE, anchors=anchors, radio_map=None)
+    state, _ = advance(start(), BleScan(100.0, heard(30.0, "b")), site, PARAMS)
+    (output,) = finish(state, site, PARAMS)
+    assert isinstance(output, NoFix)
+    assert output.reason is NoFixReason.NO_RADIO_MAP_OR_BEACONS
 
 
 def test_a_fix_is_the_mean_of_the_candidates_on_the_floor_believed_in() -> None:

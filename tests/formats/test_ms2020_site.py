@@ -64,6 +64,15 @@ def test_floors_stand_in_one_frame_from_the_lowest_up(house: Path) -> None:
     assert [trace.name for trace in floors[1].traces] == ["walk.txt"]
 
 
+def test_traces_may_lie_in_a_folder_of_their_own(house: Path) -> None:
+    inside = house / "F2" / "path_data_files"
+    inside.mkdir()
+    (inside / "climb.txt").write_text("1000\tTYPE_WIFI\tshop\t02:00:5e:00:53:01\t-50\t2412\t1000\n")
+    floor = read_building(house).floors[2]
+    assert [path.name for path in floor.traces] == ["climb.txt"]
+    assert read_trace(floor.traces[0]).floor_name == floor.name
+
+
 def test_shops_are_not_walked_on_and_have_walls(house: Path) -> None:
     floor = read_building(house).floors[1]
     parsed = parse_floor_map(floor.map_document)

@@ -32,6 +32,7 @@ from app.core.fusion.range_ekf import (
     pulled,
     range_sigma_m,
 )
+from app.core.fusion.sighting import Sighting
 from app.core.params import LevelOffsetParams, Params, ReportParams, SmootherParams
 from app.core.radio.line_of_sight import Believed, LineOfSightParams, Sights, lines_of_sight
 from app.core.radio.path_loss import DZ2, SLOPE, LevelModel, X, Y, distances_of_levels
@@ -100,7 +101,8 @@ def widen_unseen(
         return state
     drift_m2 = unseen_drift_m2(state, scan.time_s, params)
     covariance = state.track.covariance + drift_m2 * np.eye(2)
-    return changed(state, track=PlanarTrack(state.track.mean, covariance))
+    track = PlanarTrack(state.track.mean, covariance)
+    return changed(state, track=track, evidence=changed(state.evidence, drift_m2=drift_m2))
 
 
 def correct_by_ranges(
@@ -193,17 +195,21 @@ def _vote(
         # A place of another floor says nothing of where on this one the phone is.
         return state
     place = np.array([cells.surveyed_x_m[won], cells.surveyed_y_m[won]])
+    variance_m2 = (params.place_sigma_m * heard / int(ballot.votes[won])) ** 2
+    noise_m2 = variance_m2, 0.0, variance_m2
+    sighting = Sighting(time_s, place[None, :], np.ones(1), noise_m2, votes)
     return changed(
         state,
-        track=_pulled(state, place, params.place_sigma_m * heard / int(ballot.votes[won])),
+        track=_pulled(state, place, variance_m2),
+        evidence=changed(state.evidence, sighting=sighting),
         told_s=time_s,
         method=Method.FINGERPRINT if state.track is None else Method.FUSED,
         used=Used(beacons=len(query.ble_dbm), access_points=len(query.wifi_dbm)),
     )
 
 
-def _pulled(state: SessionState, place: FloatArray, sigma_m: float) -> PlanarTrack:
-    noise_m2 = sigma_m**2 * np.eye(2)
+def _pulled(state: SessionState, place: FloatArray, variance_m2: float) -> PlanarTrack:
+    noise_m2 = variance_m2 * np.eye(2)
     if not isinstance(state.track, PlanarTrack):
         return PlanarTrack(place, noise_m2)
     return pulled(state.track, place, noise_m2)

@@ -15,15 +15,18 @@ from app.core.engine.explanation import (
     Use,
 )
 from app.core.engine.pipeline import end
+from app.core.engine.profiles import PROFILES
 from app.core.engine.residuals import residuals_of
 from app.core.engine.standing import ground_of
 from app.core.engine.state import SessionState, Told
+from app.core.engine.walking import stay
 from app.core.fusion.innovation import (
     Innovation,
     innovation_of_particles,
     innovation_of_planar,
 )
 from app.core.fusion.particles import Particles, diffuse
+from app.core.fusion.planar import PlanarTrack
 from app.core.fusion.sighting import Sighting
 from app.core.motion.mode import MotionState, decided, deciding
 from app.core.params import MotionModeParams, Params
@@ -61,14 +64,20 @@ def explained(state: SessionState, site: SiteModel, params: Params) -> Explanati
 
 
 def _innovation(told: Told, site: SiteModel, params: Params) -> Innovation | None:
-    sighting = told.evidence.sighting
-    if sighting is None or told.before is None:
+    sighting, drift_m2 = told.evidence.sighting, told.evidence.drift_m2
+    if sighting is None or told.before is None or PROFILES[params.profile].stride is stay:
+        # A profile whose strides move nothing has no filter, and so no prediction.
         return None
     if isinstance(told.before, Particles):
-        floor = ground_of(None, site)
-        predicted = diffuse(told.before, told.evidence.drift_m2, floor)
+        predicted = diffuse(told.before, drift_m2, ground_of(None, site))
         return innovation_of_particles(predicted, sighting, params.fusion)
-    return innovation_of_planar(told.before, sighting)
+    return innovation_of_planar(_widened(told.before, drift_m2), sighting)
+
+
+def _widened(track: PlanarTrack, drift_m2: float) -> PlanarTrack:
+    covariance = track.covariance.copy()
+    covariance[:2, :2] += drift_m2 * np.eye(2)
+    return PlanarTrack(track.mean, covariance)
 
 
 def _candidates(

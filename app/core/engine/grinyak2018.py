@@ -13,9 +13,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from app.core.changed import changed
+from app.core.engine.anchoring import anchor_votes
 from app.core.engine.state import SessionState
 from app.core.engine.windowing import solve_window
 from app.core.fusion.planar import PlanarTrack
+from app.core.fusion.sighting import Sighting
 from app.core.params import (
     LaterationParams,
     LevelOffsetParams,
@@ -64,7 +66,18 @@ def locate_window(
         return changed(state, reason=found.reason)
     fix = found.fix
     track = PlanarTrack(np.array([fix.x_m, fix.y_m, *(fix.velocity_mps or ())]), found.covariance)
-    return changed(state, track=track, told_s=scan.time_s, method=Method.LATERATION, used=fix.used)
+    (xx, xy), (_, yy) = track.covariance[:2, :2].tolist()
+    sighting = Sighting(
+        scan.time_s, track.mean[None, :2], np.ones(1), (xx, xy, yy), anchor_votes(state, site)
+    )
+    return changed(
+        state,
+        track=track,
+        evidence=changed(state.evidence, sighting=sighting),
+        told_s=scan.time_s,
+        method=Method.LATERATION,
+        used=fix.used,
+    )
 
 
 def pass_over_wifi(

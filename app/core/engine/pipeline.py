@@ -12,7 +12,7 @@ from app.core.motion.mode import decided
 from app.core.params import Params
 from app.core.session import event_time_s
 from app.core.site import SiteModel
-from app.core.types import BleScan, Method, Observation, Output, WifiScan
+from app.core.types import BleScan, Method, NoFixReason, Observation, Output, WifiScan
 
 
 def advance(
@@ -44,6 +44,8 @@ def advance(
             scanned_s=time_s if isinstance(observation, BleScan | WifiScan) else state.scanned_s,
             motion=decided(state.motion, time_s, params.motion_mode),
             told=told,
+            # A reason of before a fix is none for what comes after it.
+            reason=NoFixReason.NOTHING_HEARD if state.told_s == time_s else state.reason,
         ),
         outputs,
     )

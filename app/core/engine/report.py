@@ -25,7 +25,7 @@ def report(state: SessionState, time_s: float, site: SiteModel, params: Params) 
         return NoFix(time_s, state.reason)
     age_s = time_s - state.told_s
     if age_s > params.report.max_age_s:
-        return NoFix(time_s, NoFixReason.NOTHING_HEARD)
+        return NoFix(time_s, _reason_since(state, time_s, params.report))
     mean, covariance = moments_of(state.track)
     mode = decided(state.motion, time_s, params.motion_mode).mode
     vx, vy = 0.0, 0.0
@@ -49,6 +49,13 @@ def report(state: SessionState, time_s: float, site: SiteModel, params: Params) 
         age_s=age_s,
         profile=params.profile,
     )
+
+
+def _reason_since(state: SessionState, time_s: float, params: ReportParams) -> NoFixReason:
+    """Return why nothing has told the place since the last fix: what the last scan said of it."""
+    if state.scanned_s is None or time_s - state.scanned_s > params.max_age_s:
+        return NoFixReason.NOTHING_HEARD
+    return state.reason
 
 
 def _spread_of(state: SessionState, time_s: float, params: ReportParams) -> ReportParams:

@@ -33,10 +33,11 @@ from app.core.fingerprint.wknn import (
     signal_space,
 )
 from app.core.fusion.planar import PlanarTrack
+from app.core.fusion.sighting import Sighting
 from app.core.params import LevelOffsetParams, Params, ReportParams, SmootherParams
 from app.core.radio.level_smoothing import LevelMemory, LevelSmoothingParams, Measurement, listen
 from app.core.site import SiteModel
-from app.core.types import BleScan, Method, NoFixReason, Used, WifiScan
+from app.core.types import BleScan, FloatArray, Method, NoFixReason, Used, WifiScan
 
 
 def _report() -> ReportParams:
@@ -144,9 +145,11 @@ def _locate(
     if here is None:
         return state
     beacons = sum(int(radio_map.radio[column]) == BLE for column in levels_dbm)
+    track = _track(here, params)
     return changed(
         state,
-        track=_track(here, params),
+        track=track,
+        evidence=changed(state.evidence, sighting=_sighting(found, time_s, track, votes)),
         told_s=time_s,
         method=Method.FINGERPRINT,
         used=Used(beacons=beacons, access_points=len(levels_dbm) - beacons),
@@ -169,6 +172,12 @@ def _track(neighbours: Neighbours, params: Tao2016Params) -> PlanarTrack:
     """Return the neighbours' mean and scatter; a reference point stands for all of its cell."""
     mean, scatter = mean_place(neighbours)
     return PlanarTrack(mean, scatter + np.eye(2) * params.reference.cell_m**2 / 12.0)
+
+
+def _sighting(found: Neighbours, time_s: float, track: PlanarTrack, votes: FloatArray) -> Sighting:
+    (xx, xy), (_, yy) = track.covariance.tolist()
+    places = np.column_stack([found.x_m, found.y_m])
+    return Sighting(time_s, places, found.weight, (xx, xy, yy), votes, found.floor_index)
 
 
 @derived()

@@ -12,13 +12,14 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from app.core.changed import changed
+from app.core.engine.fixing import without
 from app.core.engine.state import SessionState, Stride
 from app.core.fusion.planar import PlanarTrack
 from app.core.fusion.scheduled import ScheduledMemory, ScheduledParams, Vector, begin, update, walk
 from app.core.fusion.sighting import Sighting
 from app.core.params import LevelOffsetParams, MatchParams, Params, ReportParams, SmootherParams
 from app.core.site import SiteModel
-from app.core.types import BleScan, Method, WifiScan
+from app.core.types import BleScan, Method, NoFixReason, WifiScan
 
 
 def _published_match() -> MatchParams:
@@ -66,7 +67,8 @@ def correct_scheduled(
     state: SessionState, scan: BleScan | WifiScan, site: SiteModel, params: Zhu2018Params
 ) -> SessionState:
     """Correct the filter by the scan's fix, or begin it there."""
-    _ = site
+    if site.radio_map is None:
+        return without(state, NoFixReason.NO_RADIO_MAP_OR_BEACONS)
     sighting = state.evidence.sighting
     if sighting is None or state.floor_belief is None:
         return state

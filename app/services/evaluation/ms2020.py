@@ -153,8 +153,10 @@ def _floor(building: BuildingFolder, site_id: str, folder: FloorFolder) -> Floor
     )
 
 
-def score_traces(tasks: Sequence[Task], sites: dict[Split, SiteModel]) -> Iterator[ScoredTrace]:
-    """Follow the trace of every task, on all cores, in order."""
+def score_traces(
+    tasks: Sequence[Task], sites: dict[Split, SiteModel]
+) -> Iterator[ScoredTrace | str]:
+    """Follow the trace of every task, on all cores, in order; in words why one cannot be used."""
     return on_all_cores(_score_task, tasks, _begin, (sites, tasks[0]))
 
 
@@ -167,9 +169,14 @@ def _begin(sites: dict[Split, SiteModel], first: Task) -> None:
     _score_task(first)
 
 
-def _score_task(task: Task) -> ScoredTrace:
+def _score_task(task: Task) -> ScoredTrace | str:
     params = PROFILES[task.profile].params
-    trace = read_trace(task.path)
+    try:
+        trace = read_trace(task.path)
+    except (ValueError, OSError) as error:
+        return str(error)
+    if not len(trace.waypoints):
+        return "no waypoint in it"
     posted = replace(trace, observations=PHONES[task.phone](trace.observations))
     return score_trace(posted, _sites[task.split], params)
 

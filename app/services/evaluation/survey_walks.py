@@ -17,7 +17,7 @@ from app.core.params import MatchParams, StepParams
 from app.core.site import SiteModel
 from app.core.survey import SurveyWalk
 from app.core.types import BleScan, FloatArray, WifiScan
-from app.formats.ms2020 import fold_of, read_trace, trace_id_of
+from app.formats.ms2020 import floor_folder_of, fold_of, read_trace, trace_id_of
 from app.formats.ms2020_site import BuildingFolder
 from app.services.building_import import floor_id_of, site_id_of
 from app.services.evaluation import ms2020
@@ -48,8 +48,8 @@ def read_walks(building: BuildingFolder) -> list[SurveyWalk]:
     walks = []
     for path, walk in zip(paths, found, strict=True):
         if walk is not None:
-            waypoints = walk.waypoints + np.array([0.0, *offset[path.parent.name]])
-            floor_id = floor_id_of(site_id, path.parent.name)
+            waypoints = walk.waypoints + np.array([0.0, *offset[floor_folder_of(path).name]])
+            floor_id = floor_id_of(site_id, floor_folder_of(path).name)
             walks.append(replace(walk, floor_id=floor_id, waypoints=waypoints))
     return walks
 
@@ -158,7 +158,8 @@ def _track_figures(building: BuildingFolder, maps: dict[ms2020.Split, SiteModel]
         for path in floor.traces
         if fold_of(trace_id_of(path)) == split.asked
     ]
-    figures = walk_figures([scored.walk for scored in ms2020.score_traces(tasks, maps)])
+    followed = [one for one in ms2020.score_traces(tasks, maps) if not isinstance(one, str)]
+    figures = walk_figures([scored.walk for scored in followed])
     return {
         "mean_error_m": figures["mean_error_m"],
         "p95_error_m": figures["p95_error_m"],
