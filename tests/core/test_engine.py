@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 
+from app.core.changed import changed
 from app.core.engine import PROFILES, advance, finish, in_order, order_key, smoothed, start
 from app.core.engine.order import Content
 from app.core.engine.report import radius95_m
@@ -267,6 +268,15 @@ def test_a_place_told_long_ago_is_no_place(small_site):
     _, outputs = fold([scan_of(HEARD), *still], small_site)
     assert isinstance(outputs[30], TrackPoint)
     assert isinstance(outputs[-1], NoFix)
+
+
+def test_a_place_told_by_a_scan_that_the_map_hardly_knows_is_less_sure(small_site):
+    state, _ = fold([scan_of(HEARD)], small_site)
+    hardly = changed(state, sighted_m2=state.sighted_m2 + 100.0)
+    (known,), (unknown,) = (finish(s, small_site, PARAMS) for s in (state, hardly))
+    more_m2 = np.subtract(unknown.covariance_m2, known.covariance_m2)
+    assert more_m2 == pytest.approx(PARAMS.report.sighted_share * np.array([100.0, 0.0, 100.0]))
+    assert unknown.radius95_m > known.radius95_m
 
 
 @pytest.mark.parametrize("ratio", [0.0, 0.3, 0.7, 1.0])

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 from filterpy.kalman import KalmanFilter
-from wifi_hall import PACE_MPS, hall, walked
+from wifi_hall import PACE_MPS, START_S, hall, walked
 
 from app.core.engine import advance, finish, smoothed, start
 from app.core.fusion.sighting import Sighting
@@ -13,7 +13,7 @@ from app.core.fusion.smoother import Leg, Path, smooth
 from app.core.geometry import Walkable
 from app.core.params import Params
 from app.core.simulate import walk, warehouse
-from app.core.types import Method, TrackPoint
+from app.core.types import Method, TrackPoint, WifiScan
 
 PARAMS = Params()
 PLAIN = dataclasses.replace(PARAMS.smoother, student_dof=1e12, noise_ratio=1.0, passes=8)
@@ -124,6 +124,29 @@ def test_an_even_walk_has_even_seconds():
     ahead = walked([(2.0, 20.0), (38.0, 20.0)], np.random.default_rng(1), 28.0)
     seconds = smoothed(ahead, hall(), PARAMS)[2:-1]
     assert np.diff([p.x_m for p in seconds]) == pytest.approx(PACE_MPS, rel=0.25)
+
+
+def off_by(scan, rng, sigma_db):
+    readings = [
+        dataclasses.replace(one, rssi_dbm=one.rssi_dbm + rng.normal(0.0, sigma_db))
+        for one in scan.readings
+    ]
+    return dataclasses.replace(scan, readings=tuple(readings))
+
+
+def test_a_stored_track_is_less_sure_where_the_map_hardly_knew_what_was_heard():
+    rng = np.random.default_rng(1)
+    middle_s = START_S + 14.0
+    heard = [
+        off_by(o, rng, 12.0) if isinstance(o, WifiScan) and o.time_s > middle_s else o
+        for o in walked([(2.0, 20.0), (38.0, 20.0)], rng, 28.0)
+    ]
+    track = smoothed(heard, hall(), PARAMS)
+    known, hardly = (
+        np.mean([p.radius95_m for p in track if (p.time_s > middle_s) is late])
+        for late in (False, True)
+    )
+    assert hardly > 1.2 * known
 
 
 def test_a_session_without_any_fix_has_no_track(world):

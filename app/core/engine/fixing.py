@@ -152,7 +152,15 @@ def correct(
         method = Method.FUSED
     else:
         track = begin(sighting, floor, params.fusion)
-    return changed(state, track=track, told_s=sighting.time_s, method=method, evidence=evidence)
+    xx, _, yy = sighting.noise_m2
+    return changed(
+        state,
+        track=track,
+        told_s=sighting.time_s,
+        sighted_m2=0.5 * (xx + yy),
+        method=method,
+        evidence=evidence,
+    )
 
 
 def believe(state: SessionState, votes: FloatArray, time_s: float, params: Params) -> FloatArray:

@@ -1,7 +1,6 @@
 """The last stage: what the session says at an instant, a track point or the reason for none."""
 
 import math
-from dataclasses import replace
 
 from app.core.engine.place import moments_of, velocity_mps
 from app.core.engine.state import SessionState
@@ -31,7 +30,7 @@ def report(state: SessionState, time_s: float, site: SiteModel, params: Params) 
     vx, vy = 0.0, 0.0
     if mode is MotionMode.WALKING:
         vx, vy = velocity_mps(state.track, mean, state.stride)
-    xx, xy, yy = calibrated(covariance, _spread_of(state, time_s, params.report))
+    xx, xy, yy = calibrated(covariance, *_spread_of(state, time_s, params.report))
     floor = int(state.floor_belief.argmax())
     return TrackPoint(
         time_s=time_s,
@@ -58,16 +57,13 @@ def _reason_since(state: SessionState, time_s: float, params: ReportParams) -> N
     return state.reason
 
 
-def _spread_of(state: SessionState, time_s: float, params: ReportParams) -> ReportParams:
-    """Return how wide the filter is: as fitted on radio maps, or as anchors have told lately."""
+def _spread_of(state: SessionState, time_s: float, params: ReportParams) -> tuple[float, float]:
+    """Return scale and extra variance: as fitted on radio maps, or as anchors have told lately."""
     told_s = state.lateration.told_s
-    if told_s is None or time_s - told_s > params.laterated_s:
-        return params
-    return replace(
-        params,
-        covariance_scale=params.laterated_scale,
-        extra_variance_m2=params.laterated_extra_m2,
-    )
+    if told_s is not None and time_s - told_s <= params.laterated_s:
+        return params.laterated_scale, params.laterated_extra_m2
+    extra_m2 = params.extra_variance_m2 + params.sighted_share * state.sighted_m2
+    return params.covariance_scale, extra_m2
 
 
 def radius95_m(xx: float, xy: float, yy: float) -> float:
@@ -84,8 +80,7 @@ def radius95_m(xx: float, xy: float, yy: float) -> float:
     return math.sqrt(a2) * (1.96 + 0.488 * math.pow(b2 / a2, 1.25))
 
 
-def calibrated(covariance: FloatArray, params: ReportParams) -> tuple[float, float, float]:
+def calibrated(covariance: FloatArray, scale: float, extra_m2: float) -> tuple[float, float, float]:
     """Return the position's covariance with what the filter cannot know, from real walks."""
-    scale, extra = params.covariance_scale, params.extra_variance_m2
     (xx, xy), (_, yy) = covariance.tolist()
-    return scale * xx + extra, scale * xy, scale * yy + extra
+    return scale * xx + extra_m2, scale * xy, scale * yy + extra_m2

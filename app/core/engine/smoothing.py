@@ -24,6 +24,7 @@ from app.core.engine.standing import ground_of
 from app.core.engine.state import SessionState, start
 from app.core.fusion.both_ways import follow_both_ways
 from app.core.fusion.ground import Ground
+from app.core.fusion.sighting import Noise
 from app.core.fusion.smoother import Leg, Path, smooth
 from app.core.params import FusionParams, Params, ReportParams, SmootherParams
 from app.core.site import SiteModel
@@ -128,11 +129,6 @@ def _placed(
     smoother: SmootherParams,
 ) -> tuple[TrackPoint, ...]:
     site, params = world
-    report = replace(
-        params.report,
-        covariance_scale=smoother.covariance_scale,
-        extra_variance_m2=smoother.extra_variance_m2,
-    )
     floors = _smoothed_floors(history, params)
     # Strides before the first sighting are on its floor.
     floor_of = [floors[max(count - 1, 0)] for count in history.sighted]
@@ -143,11 +139,15 @@ def _placed(
     path = _path(legs, [ground_of(belief, site) for belief in floor_of], params.fusion, smoother)
     times = [leg.time_s for leg in legs]
     told_s = next(leg.time_s for leg in legs if leg.sighting is not None)
+    scan_m2 = _sighted_m2(legs)
     placed = []
     for point, place in zip(points, _on_the_way(points, legs, path), strict=True):
         at = max(bisect_right(times, point.time_s) - 1, 0)
         unseen_m2 = params.fusion.unseen_m2ps * max(told_s - point.time_s, 0.0)
-        moved = _moved(point, place, path.covariance[at] + unseen_m2 * np.eye(2), report)
+        covariance = path.covariance[at] + unseen_m2 * np.eye(2)
+        extra_m2 = smoother.extra_variance_m2 + smoother.sighted_share * scan_m2[at]
+        spread = calibrated(covariance, smoother.covariance_scale, extra_m2)
+        moved = _moved(point, place, spread)
         placed.append(_on_floor(moved, floor_of[at], site))
     return tuple(placed)
 
@@ -194,10 +194,19 @@ def _smoothed_floors(history: _History, params: Params) -> list[FloatArray]:
     return out
 
 
-def _moved(
-    point: TrackPoint, place: FloatArray, covariance: FloatArray, report: ReportParams
-) -> TrackPoint:
-    xx, xy, yy = calibrated(covariance, report)
+def _sighted_m2(legs: list[Leg]) -> list[float]:
+    """Return for each leg the variance per axis of its last scan's candidates, or the first's."""
+    seen = [leg.sighting for leg in legs if leg.sighting is not None]
+    last, variance = seen[0], []
+    for leg in legs:
+        last = leg.sighting or last
+        xx, _, yy = last.noise_m2
+        variance.append(0.5 * (xx + yy))
+    return variance
+
+
+def _moved(point: TrackPoint, place: FloatArray, spread: Noise) -> TrackPoint:
+    xx, xy, yy = spread
     return replace(
         point,
         x_m=float(place[0]),

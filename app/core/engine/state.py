@@ -145,6 +145,8 @@ class SessionState:
         The last stride taken, turned by the filter's heading bias.
     told_s
         When the position was last told by a scan; -inf before.
+    sighted_m2
+        Variance per axis of that scan's candidates about the truth.
     evidence
         What the latest observation brought; smoothing is made of it.
     told
@@ -173,6 +175,7 @@ class SessionState:
     floor_belief: FloatArray | None = None
     stride: Stride | None = None
     told_s: float | None = None
+    sighted_m2: float = 0.0
     evidence: Evidence = field(default_factory=Evidence)
     told: Told | None = None
     method: Method = Method.DEAD_RECKONING
