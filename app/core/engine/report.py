@@ -5,6 +5,7 @@ from dataclasses import replace
 
 from app.core.engine.place import moments_of, velocity_mps
 from app.core.engine.state import SessionState
+from app.core.engine.walking import is_motion_seen
 from app.core.motion.mode import decided
 from app.core.params import Params, ReportParams
 from app.core.site import SiteModel
@@ -32,6 +33,8 @@ def report(state: SessionState, time_s: float, site: SiteModel, params: Params) 
     if mode is MotionMode.WALKING:
         vx, vy = velocity_mps(state.track, mean, state.stride)
     xx, xy, yy = calibrated(covariance, _spread_of(state, time_s, params.report))
+    grown_m2 = _grown_m2(state, age_s, time_s, params)
+    xx, yy = xx + grown_m2, yy + grown_m2
     floor = int(state.floor_belief.argmax())
     return TrackPoint(
         time_s=time_s,
@@ -68,6 +71,21 @@ def _spread_of(state: SessionState, time_s: float, params: ReportParams) -> Repo
         covariance_scale=params.laterated_scale,
         extra_variance_m2=params.laterated_extra_m2,
     )
+
+
+def _grown_m2(state: SessionState, age_s: float, time_s: float, params: Params) -> float:
+    """Return how much the variance has grown since the last fix, ``age_s`` ago: by dead reckoning.
+
+    While fixes come their own errors are what was fitted. Where motion would have been seen, the
+    phone has moved until its last step at the latest.
+    """
+    if age_s <= params.report.fused_s:
+        return 0.0
+    moved_s = age_s
+    if is_motion_seen(state, time_s, params):
+        last_step_s = state.motion.last_step_s
+        moved_s = 0.0 if last_step_s is None else max(age_s - (time_s - last_step_s), 0.0)
+    return params.report.unfixed_m2ps * moved_s
 
 
 def radius95_m(xx: float, xy: float, yy: float) -> float:

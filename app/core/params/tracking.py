@@ -179,6 +179,9 @@ class ReportParams:
         The same where anchors have told the place within so many seconds: a fix's covariance says
         how it errs and for how long alike, and anchors are surveyed better than maps. Chosen on
         walks through the made-up warehouse; on real ones with beacons it has yet to be seen.
+    unfixed_m2ps
+        Once a point is dead reckoning, what each axis' variance has grown per second since the last
+        fix in which the phone may have moved. 0: the filter widens itself.
     """
 
     silence_s: float = 10.0
@@ -189,3 +192,4 @@ class ReportParams:
     laterated_s: float = 5.0
     laterated_scale: float = 3.0
     laterated_extra_m2: float = 0.25
+    unfixed_m2ps: float = 0.0
