@@ -1,4 +1,4 @@
-"""``/v1/profiles``: the ways to make fixes, with all their parameters."""
+"""``/v1/profiles``: the ways to make fixes, with the parameters that each reads."""
 
 from app.api.paging import Page
 from app.api.resource import Reader, registry_router
@@ -15,5 +15,5 @@ async def list_all_profiles(_principal: Reader) -> Page[ProfileView]:
 
 @router.get("/{name}")
 async def get_profile(name: str, _principal: Reader) -> ProfileView:
-    """Return one profile: where it comes from, its parameters with units, by block."""
+    """Return one profile: where it comes from, the parameters it reads with units, by block."""
     return find_profile(name)

@@ -1,4 +1,4 @@
-"""``pharos profiles``: the profiles of this build, with all their parameters."""
+"""``pharos profiles``: the profiles of this build, with the parameters that each reads."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict
@@ -23,7 +23,7 @@ def profiles(
     name: Annotated[
         str | None, typer.Argument(metavar="[PROFILE]", help="Only this one, with its parameters.")
     ] = None,
-    json: Annotated[bool, typer.Option("--json", help="As JSON, with all parameters.")] = False,
+    json: Annotated[bool, typer.Option("--json", help="As JSON, with the parameters.")] = False,
 ) -> None:
     """Show the profiles that sites, devices and sessions may name, and their parameters."""
     shown = [profile for profile in list_profiles() if name in {None, profile.name}]

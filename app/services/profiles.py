@@ -1,4 +1,4 @@
-"""The profiles as they are shown: every parameter with value, unit and meaning, from the code."""
+"""The profiles as they are shown: what they read with value, unit and meaning, from the code."""
 
 import dataclasses
 import inspect
@@ -9,11 +9,15 @@ from functools import cache
 from typing import Any, TypeAlias
 
 from app.core.engine import PROFILES, Profile
+from app.core.params import Params
 from app.services.errors import found
 
 Plain: TypeAlias = bool | int | float | str | None
 Value: TypeAlias = Plain | list[Plain]
 """A parameter's value in JSON; a number that JSON cannot write is its name."""
+
+Paths: TypeAlias = frozenset[str]
+"""Parameters, by block or by block and name."""
 
 _BASES = {
     "m": "m",
@@ -58,7 +62,7 @@ class ParameterGroup:
 
 @dataclass(frozen=True, slots=True)
 class ProfileView:
-    """A profile: what it is, where it comes from, and all that can be set in it."""
+    """A profile: what it is, where it comes from, and all the parameters that it reads."""
 
     name: str
     title: str
@@ -106,20 +110,40 @@ def unit_of(name: str) -> str:
 
 
 def _view(profile: Profile) -> ProfileView:
-    parameters, groups = _contents(profile.params)
-    # Its name is no parameter of it.
-    parameters = tuple(p for p in parameters if p.name != "profile")
+    parameters, groups = _contents(profile.params, _reads(profile))
     return ProfileView(profile.name, profile.title, profile.source, parameters, groups)
 
 
-def _contents(block: Any) -> tuple[tuple[ParameterView, ...], tuple[ParameterGroup, ...]]:  # noqa: ANN401
+def _reads(profile: Profile) -> Paths:
+    own = {field.name for field in dataclasses.fields(profile.params)}
+    own -= {field.name for field in dataclasses.fields(Params)}
+    return frozenset({*own, *profile.reads})
+
+
+def _inside(name: str, paths: Paths) -> Paths | None:
+    """Return which parameters of a block are among some; None: the block is one of them itself."""
+    if name in paths:
+        return None
+    block = f"{name}."
+    return frozenset(path.removeprefix(block) for path in paths if path.startswith(block))
+
+
+def _contents(
+    block: Any,  # noqa: ANN401
+    reads: Paths | None,
+) -> tuple[tuple[ParameterView, ...], tuple[ParameterGroup, ...]]:
+    """Return what is read of a block, None: all of it."""
     meanings = attribute_meanings(type(block))
     parameters, groups = [], []
     for field in dataclasses.fields(block):
+        inside = None if reads is None else _inside(field.name, reads)
+        if inside is not None and not inside:
+            continue
         value = getattr(block, field.name)
         meaning = meanings.get(field.name, "")
         if dataclasses.is_dataclass(value):
-            groups.append(ParameterGroup(field.name, _summary(type(value)), *_contents(value)))
+            contents = _contents(value, inside)
+            groups.append(ParameterGroup(field.name, _summary(type(value)), *contents))
         else:
             unit = unit_of(field.name)
             shown = [_plain(v) for v in value] if isinstance(value, tuple) else _plain(value)

@@ -20,6 +20,7 @@ import numpy as np
 from app.core.changed import changed
 from app.core.engine.fixing import believe, sums, too_few, without
 from app.core.engine.state import SessionState, Stride
+from app.core.engine.walking import is_motion_seen
 from app.core.fingerprint.query import first_of, fresh_wifi_dbm
 from app.core.fingerprint.radio_map import RadioMap
 from app.core.fingerprint.unequal_length import (
@@ -201,8 +202,7 @@ def _sensed(
 
     Without a sensor, or in a gap of it, the last speed stands and no heading is known.
     """
-    inertial = state.detector.end_s > time_s - params.fusion.sensor_gap_s
-    if not inertial and state.phone_steps_s is None:
+    if not is_motion_seen(state, time_s, params):
         return SensedMotion(math.nan)
     if not motion.strides:
         return SensedMotion(motion.heading_rad, speed_mps=0.0)

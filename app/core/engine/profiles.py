@@ -72,6 +72,9 @@ class Profile:
         What happens to an observation of each type, in order.
     stride
         What a stride does to the track.
+    reads
+        Of the parameters that all profiles have, those that it reads, by block or by block and
+        name. Its own blocks are there to be read.
     """
 
     title: str
@@ -79,6 +82,7 @@ class Profile:
     params: Params
     stages: Stages
     stride: StrideRule
+    reads: tuple[str, ...]
 
     @property
     def name(self) -> str:
@@ -94,6 +98,23 @@ MOTION: Stages = {
     Truth: (),
 }
 """What motion sensors tell, the same for every profile."""
+
+READ_BY_ALL = (
+    "step",
+    "floor",
+    "motion_mode.step_hold_s",
+    "motion_mode.walk_variance_m2ps4",
+    "motion_mode.still_variance_m2ps4",
+    "motion_mode.variance_time_s",
+    "motion_mode.evidence_s",
+    "report.silence_s",
+    "report.max_age_s",
+    "report.fused_s",
+    "report.covariance_scale",
+    "report.extra_variance_m2",
+    "smoother",
+)
+"""What motion sensors, floors and reports read, the same for every profile."""
 
 BEST = Profile(
     title="Candidates and lateration into a particle filter with dead reckoning",
@@ -112,6 +133,15 @@ BEST = Profile(
         WifiScan: (diffuse_unseen, match_fingerprints, correct_particles),
     },
     stride=walk_particles,
+    reads=(
+        *READ_BY_ALL,
+        "match",
+        "level_offset",
+        "fusion",
+        "lateration",
+        "motion_mode",
+        "report",
+    ),
 )
 
 GRINYAK2018 = Profile(
@@ -124,6 +154,19 @@ GRINYAK2018 = Profile(
         WifiScan: (pass_over_wifi,),
     },
     stride=stay,
+    reads=(
+        *READ_BY_ALL,
+        "lateration.window_s",
+        "lateration.phone_height_m",
+        "lateration.huber_k",
+        "lateration.offset_prior_db",
+        "lateration.velocity_prior_mps",
+        "lateration.shadowing_correlation",
+        "lateration.min_anchors",
+        "lateration.search_margin_m",
+        "lateration.max_sigma_m",
+        "motion_mode",
+    ),
 )
 
 LIU2016 = Profile(
@@ -136,6 +179,14 @@ LIU2016 = Profile(
         WifiScan: (blend_scan,),
     },
     stride=blend_stride,
+    reads=(
+        *READ_BY_ALL,
+        "match.max_age_s",
+        "match.first_max_age_s",
+        "match.min_readings",
+        "fusion.sensor_gap_s",
+        "report.unfixed_m2ps",
+    ),
 )
 
 TAO2016 = Profile(
@@ -148,6 +199,7 @@ TAO2016 = Profile(
         WifiScan: (smooth_levels, locate_by_wifi),
     },
     stride=stay,
+    reads=(*READ_BY_ALL, "match.wifi_gap_s", "fusion.sensor_gap_s", "report.unfixed_m2ps"),
 )
 
 ZHU2018 = Profile(
@@ -160,6 +212,16 @@ ZHU2018 = Profile(
         WifiScan: (match_fingerprints, correct_scheduled),
     },
     stride=walk_scheduled,
+    reads=(
+        *READ_BY_ALL,
+        "match",
+        "level_offset",
+        "fusion.noise_m2",
+        "fusion.noise_sorensen",
+        "fusion.noise_beacons_sorensen",
+        "fusion.sensor_gap_s",
+        "report.unfixed_m2ps",
+    ),
 )
 
 BLUNAVI2020 = Profile(
@@ -172,6 +234,21 @@ BLUNAVI2020 = Profile(
         WifiScan: (widen_unseen, vote_by_wifi),
     },
     stride=walk_planar,
+    reads=(
+        *READ_BY_ALL,
+        "match.max_age_s",
+        "match.first_max_age_s",
+        "match.min_readings",
+        "match.ble_window_s",
+        "match.wifi_gap_s",
+        "match.wifi_start_s",
+        "lateration.window_s",
+        "lateration.phone_height_m",
+        "fusion.sensor_gap_s",
+        "fusion.sway_m2ps",
+        "fusion.unseen_m2ps",
+        "report.unfixed_m2ps",
+    ),
 )
 
 PROFILES: dict[str, Profile] = {

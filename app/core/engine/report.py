@@ -4,6 +4,7 @@ import math
 
 from app.core.engine.place import moments_of, velocity_mps
 from app.core.engine.state import SessionState
+from app.core.engine.walking import is_motion_seen
 from app.core.motion.mode import decided
 from app.core.params import Params, ReportParams
 from app.core.site import SiteModel
@@ -30,7 +31,9 @@ def report(state: SessionState, time_s: float, site: SiteModel, params: Params) 
     vx, vy = 0.0, 0.0
     if mode is MotionMode.WALKING:
         vx, vy = velocity_mps(state.track, mean, state.stride)
-    xx, xy, yy = calibrated(covariance, *_spread_of(state, time_s, params.report))
+    scale, extra_m2 = _spread_of(state, time_s, params.report)
+    extra_m2 += _grown_m2(state, age_s, time_s, params)
+    xx, xy, yy = calibrated(covariance, scale, extra_m2)
     floor = int(state.floor_belief.argmax())
     return TrackPoint(
         time_s=time_s,
@@ -62,8 +65,25 @@ def _spread_of(state: SessionState, time_s: float, params: ReportParams) -> tupl
     told_s = state.lateration.told_s
     if told_s is not None and time_s - told_s <= params.laterated_s:
         return params.laterated_scale, params.laterated_extra_m2
-    extra_m2 = params.extra_variance_m2 + params.sighted_share * state.sighted_m2
+    extra_m2 = params.extra_variance_m2
+    if state.sighted_m2 is not None:
+        extra_m2 += params.sighted_share * state.sighted_m2
     return params.covariance_scale, extra_m2
+
+
+def _grown_m2(state: SessionState, age_s: float, time_s: float, params: Params) -> float:
+    """Return how much the variance has grown since the last fix, ``age_s`` ago: by dead reckoning.
+
+    While fixes come their own errors are what was fitted. Where motion would have been seen, the
+    phone has moved until its last step at the latest.
+    """
+    if age_s <= params.report.fused_s:
+        return 0.0
+    moved_s = age_s
+    if is_motion_seen(state, time_s, params):
+        last_step_s = state.motion.last_step_s
+        moved_s = 0.0 if last_step_s is None else max(age_s - (time_s - last_step_s), 0.0)
+    return params.report.unfixed_m2ps * moved_s
 
 
 def radius95_m(xx: float, xy: float, yy: float) -> float:

@@ -146,7 +146,7 @@ class SessionState:
     told_s
         When the position was last told by a scan; -inf before.
     sighted_m2
-        Variance per axis of that scan's candidates about the truth.
+        Variance per axis of that scan's candidates about the truth; None where fixes have none.
     evidence
         What the latest observation brought; smoothing is made of it.
     told
@@ -175,7 +175,7 @@ class SessionState:
     floor_belief: FloatArray | None = None
     stride: Stride | None = None
     told_s: float | None = None
-    sighted_m2: float = 0.0
+    sighted_m2: float | None = None
     evidence: Evidence = field(default_factory=Evidence)
     told: Told | None = None
     method: Method = Method.DEAD_RECKONING

@@ -163,7 +163,12 @@ def unseen_drift_m2(state: SessionState, time_s: float, params: Params) -> float
     without one, or in a gap of it, the phone may have gone anywhere at walking pace.
     """
     elapsed_s = time_s - (time_s if state.scanned_s is None else state.scanned_s)
-    inertial = state.detector.end_s > time_s - params.fusion.sensor_gap_s
-    seen = inertial or state.phone_steps_s is not None
+    seen = is_motion_seen(state, time_s, params)
     rate = params.fusion.sway_m2ps if seen else params.fusion.unseen_m2ps
     return rate * elapsed_s
+
+
+def is_motion_seen(state: SessionState, time_s: float, params: Params) -> bool:
+    """Return whether a sensor or a step counter would show that the phone moves now."""
+    inertial = state.detector.end_s > time_s - params.fusion.sensor_gap_s
+    return inertial or state.phone_steps_s is not None

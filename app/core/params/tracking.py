@@ -178,12 +178,14 @@ class ReportParams:
         average out as it takes them to; and map and truth have errors of their own. Fitted on
         ms2020's tuning walks with all of the map, half and a quarter: 95 to 97 % of the truth
         within ``radius95_m``, in every decile of the radius over 86 % (without the share 93 % and
-        84 % on thin maps, no narrower on full ones). A profile whose fixes are not sightings of
-        the particle filter has no R.
+        84 % on thin maps, no narrower on full ones).
     laterated_s, laterated_scale, laterated_extra_m2
         The same where anchors have told the place within so many seconds: a fix's covariance says
         how it errs and for how long alike, and anchors are surveyed better than maps. Chosen on
         walks through the made-up warehouse; on real ones with beacons it has yet to be seen.
+    unfixed_m2ps
+        Once a point is dead reckoning, what each axis' variance has grown per second since the last
+        fix in which the phone may have moved. 0: the filter widens itself.
     """
 
     silence_s: float = 10.0
@@ -195,3 +197,4 @@ class ReportParams:
     laterated_s: float = 5.0
     laterated_scale: float = 3.0
     laterated_extra_m2: float = 0.25
+    unfixed_m2ps: float = 0.0
