@@ -176,8 +176,8 @@ class ReportParams:
         Reported covariance = scale P + share R + extra on each axis, R the last scan's. Errors have
         heavier tails than the cloud of particles; scans of one place err alike, so they do not
         average out as it takes them to; and map and truth have errors of their own. Fitted on
-        ms2020's tuning walks with all of the map, half and a quarter: 95 to 97 % of the truth
-        within ``radius95_m``, in every decile of the radius over 86 % (without the share 93 % and
+        ms2020's tuning walks with all of the map, half and a quarter: 94 to 97 % of the truth
+        within ``radius95_m``, in every decile of the radius 86 % or more (without the share 93 % and
         84 % on thin maps, no narrower on full ones).
     laterated_s, laterated_scale, laterated_extra_m2
         The same where anchors have told the place within so many seconds: a fix's covariance says
@@ -191,9 +191,9 @@ class ReportParams:
     silence_s: float = 10.0
     max_age_s: float = 60.0
     fused_s: float = 10.0
-    covariance_scale: float = 2.0
+    covariance_scale: float = 1.8
     sighted_share: float = 0.4
-    extra_variance_m2: float = 1.0
+    extra_variance_m2: float = 3.0
     laterated_s: float = 5.0
     laterated_scale: float = 3.0
     laterated_extra_m2: float = 0.25
