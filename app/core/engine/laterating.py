@@ -8,20 +8,24 @@ import numpy as np
 from app.core.changed import changed
 from app.core.engine.anchoring import anchor_floors, anchor_levels, anchor_votes, wall_loss_db
 from app.core.engine.doubting import doubt, fault_of_heard, left_out
-from app.core.engine.fixing import believe, correct, without
+from app.core.engine.fixing import believe, correct, may_scan_wifi, without
 from app.core.engine.place import place_of
 from app.core.engine.state import SessionState
 from app.core.engine.windowing import sense_velocity
 from app.core.fusion.particles import Particles, moments
 from app.core.fusion.sighting import Noise, Sighting
+from app.core.lateration.outside import Outside, OutsideParams, judged_outside, offset_on_plan
 from app.core.lateration.posterior import (
+    Costs,
     LocalLevels,
     PhoneOffset,
     PlacePosterior,
     PlacePrior,
+    costs_of,
     local_levels,
     offset_at,
     place_posterior,
+    stacked,
 )
 from app.core.lateration.surface import box_around
 from app.core.lateration.windowed import WALKING_SPEED_MPS
@@ -42,6 +46,8 @@ from app.core.types import (
 SETTLING_S, ALIKE_AT_FIRST = 10.0, 3.0
 """A first window has too few readings to average the fading of each, so where a phone begins at
 rest its first seconds tell more than shadowing alone would let them."""
+
+OUTSIDE = OutsideParams()
 
 
 def laterate(state: SessionState, scan: BleScan, site: SiteModel, params: Params) -> SessionState:
@@ -68,7 +74,8 @@ def laterate(state: SessionState, scan: BleScan, site: SiteModel, params: Params
     state = _sight(state, levels, (site, floor), scan.time_s, votes, params)
     if state.lateration.told_s != scan.time_s:
         return state
-    worth, last_s = 1.0 / _alike(before, scan.time_s, params), before.lateration.told_s
+    last_s = before.lateration.told_s
+    worth = 1.0 / _alike(before, last_s, scan.time_s, params)
     elapsed_s = 0.0 if last_s is None else scan.time_s - last_s
     return doubt(state, (window, levels, model, worth), elapsed_s, (site, floor), params)
 
@@ -86,15 +93,22 @@ def _sight(
     memory, heard = state.lateration, len(levels.anchor_index)
     out = left_out(state, heard)
     fault = fault_of_heard(out, levels, site)
-    offset = memory.offset or PhoneOffset(0.0, params.lateration.offset_prior_db)
-    loss_db = [wall_loss_db(site, int(i)) for i in levels.anchor_index]
+    at_large = PhoneOffset(0.0, params.lateration.offset_prior_db)
+    offset = offset_on_plan(memory.offset or at_large, at_large, memory.outside, time_s, OUTSIDE)
+    loss_db = stacked([wall_loss_db(site, int(i)) for i in levels.anchor_index])
     heard_m = model.table[levels.anchor_index, X : Y + 1]
     box = box_around(heard_m, params.lateration.search_margin_m)
     prior = PlacePrior(box, _plan_m(site.floors[floor], heard_m))
     found = place_posterior(levels, model, loss_db, offset, prior, fault)
+    costs_at = costs_of(levels, model, loss_db, at_large, fault)
+    outside = _judged(state, (costs_at, found.log_evidence_ratio), prior.plan_m, time_s, params)
+    memory = replace(memory, outside=outside, offset=offset)
+    state = changed(state, lateration=memory)
+    if outside.is_told(OUTSIDE):
+        return _left(state, site, time_s, params)
     if not _worst_variance_m2(found.covariance) <= params.lateration.max_sigma_m**2:
         return without(state, NoFixReason.DEGENERATE_GEOMETRY)
-    alike = _alike(state, time_s, params)
+    alike = _alike(state, memory.told_s, time_s, params)
     noise = _noise(state, found, levels, alike, time_s, params)
     sighting = Sighting(time_s, found.mean[None, :], np.ones(1), noise, votes)
     state = correct(state, sighting, Method.LATERATION, site, _worth(params, alike))
@@ -109,6 +123,29 @@ def _sight(
         evidence=changed(state.evidence, left_out=out),
         lateration=replace(memory, told_s=time_s, offset=offset),
     )
+
+
+def _judged(
+    state: SessionState,
+    told: tuple[Costs, float],
+    plan_m: FloatArray,
+    time_s: float,
+    params: Params,
+) -> Outside:
+    before = state.lateration.outside
+    worth = 1.0
+    if before is not None:
+        way_m = _way_m(state, before.time_s, time_s, params)
+        worth = math.tanh(way_m / (2.0 * OUTSIDE.correlation_m))
+    return judged_outside(before, (*told, worth), plan_m, time_s, OUTSIDE)
+
+
+def _left(state: SessionState, site: SiteModel, time_s: float, params: Params) -> SessionState:
+    """Return the state of a phone outside: without a place, unless its Wi-Fi may still tell one."""
+    state = without(state, NoFixReason.OUTSIDE_MAPPED_AREA)
+    if site.radio_map is not None and may_scan_wifi(state, time_s, params.match):
+        return state
+    return changed(state, track=None)
 
 
 def _noise(
@@ -141,27 +178,29 @@ def _worth(params: Params, alike: float) -> Params:
     return replace(params, fusion=replace(params.fusion, tempering=1.0, birth_share=share))
 
 
-def _alike(state: SessionState, time_s: float, params: Params) -> float:
-    """Return how many fixes like this one tell as much as an independent one.
+def _alike(state: SessionState, told_s: float | None, time_s: float, params: Params) -> float:
+    """Return how many fixes like this one, after one at ``told_s``, tell as much as a new one.
 
     Shadowing is fixed to the place: after the way d its correlation is ``rho = exp(-d / d_0)``
     (Gudmundson 1991), and errors that are correlated so average like white ones of
     ``(1 + rho) / (1 - rho)`` times their variance.
     """
-    told_s = state.lateration.told_s
     if told_s is None:
         return 1.0
-    elapsed_s = max(time_s - told_s, 0.0)
-    lateration = params.lateration
-    way_m = lateration.still_speed_mps * elapsed_s
-    if _is_motion_seen(state, time_s, params):
-        way_m += sum(stride.length_m for stride in state.walked if stride.time_s > told_s)
-    else:
-        way_m += lateration.unseen_speed_mps * elapsed_s
-    alike = 1.0 / math.tanh(max(way_m, 1e-3) / (2.0 * lateration.correlation_m))
+    way_m = max(_way_m(state, told_s, time_s, params), 1e-3)
+    alike = 1.0 / math.tanh(way_m / (2.0 * params.lateration.correlation_m))
     if state.began_s is not None and time_s - state.began_s < SETTLING_S:
         return min(alike, ALIKE_AT_FIRST)
     return alike
+
+
+def _way_m(state: SessionState, since_s: float, time_s: float, params: Params) -> float:
+    """Return how far the phone has gone, as far as shadowing is concerned."""
+    elapsed_s, lateration = max(time_s - since_s, 0.0), params.lateration
+    way_m = lateration.still_speed_mps * elapsed_s
+    if _is_motion_seen(state, time_s, params):
+        return way_m + sum(stride.length_m for stride in state.walked if stride.time_s > since_s)
+    return way_m + lateration.unseen_speed_mps * elapsed_s
 
 
 def _is_motion_seen(state: SessionState, time_s: float, params: Params) -> bool:

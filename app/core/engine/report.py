@@ -5,6 +5,7 @@ import math
 from app.core.engine.place import moments_of, velocity_mps
 from app.core.engine.state import SessionState
 from app.core.engine.walking import is_motion_seen
+from app.core.lateration.outside import reaching_radius95_m
 from app.core.motion.mode import decided
 from app.core.params import Params, ReportParams
 from app.core.site import SiteModel
@@ -17,6 +18,9 @@ from app.core.types import (
     Output,
     TrackPoint,
 )
+
+CIRCLE95_CHI2 = 5.99
+"""95 % point of chi-square, 2 degrees: squared radius over variance per axis, of a circle."""
 
 
 def report(state: SessionState, time_s: float, site: SiteModel, params: Params) -> Output:
@@ -34,6 +38,8 @@ def report(state: SessionState, time_s: float, site: SiteModel, params: Params) 
     scale, extra_m2 = _spread_of(state, time_s, params.report)
     extra_m2 += _grown_m2(state, age_s, time_s, params)
     xx, xy, yy = calibrated(covariance, scale, extra_m2)
+    beyond_m2 = _beyond_m2(state, mean[:2], (xx, xy, yy))
+    xx, yy = xx + beyond_m2, yy + beyond_m2
     floor = int(state.floor_belief.argmax())
     return TrackPoint(
         time_s=time_s,
@@ -58,6 +64,23 @@ def _reason_since(state: SessionState, time_s: float, params: ReportParams) -> N
     if state.scanned_s is None or time_s - state.scanned_s > params.max_age_s:
         return NoFixReason.NOTHING_HEARD
     return state.reason
+
+
+def _beyond_m2(
+    state: SessionState,
+    place_m: FloatArray,
+    covariance_m2: tuple[float, float, float],
+) -> float:
+    """Return the variance per axis that lets the radius reach where the phone is if outside.
+
+    What was not told by anchors does not rest on the phone being on the plan.
+    """
+    outside = state.lateration.outside
+    if outside is None or state.lateration.told_s != state.told_s:
+        return 0.0
+    radius_m = radius95_m(*covariance_m2)
+    reach_m = reaching_radius95_m(radius_m, place_m, outside)
+    return max(reach_m**2 - radius_m**2, 0.0) / CIRCLE95_CHI2
 
 
 def _spread_of(state: SessionState, time_s: float, params: ReportParams) -> tuple[float, float]:

@@ -12,6 +12,7 @@ from app.core.fusion.planar import PlanarTrack
 from app.core.fusion.scheduled import ScheduledMemory
 from app.core.fusion.sighting import Sighting
 from app.core.lateration.faults import Fault, LogOdds
+from app.core.lateration.outside import Outside
 from app.core.lateration.posterior import PhoneOffset
 from app.core.motion.mode import MotionState
 from app.core.motion.steps import StepDetector
@@ -99,11 +100,14 @@ class LaterationMemory:
         What is known of the phone's level offset; None: what the parameters say.
     fault_log_odds
         By anchor that may be at fault, see `app.core.lateration.faults`.
+    outside
+        Whether the phone is outside the plan; None before its first levels.
     """
 
     told_s: float | None = None
     offset: PhoneOffset | None = None
     fault_log_odds: dict[str, LogOdds] = field(default_factory=dict)
+    outside: Outside | None = None
 
 
 @dataclass(frozen=True)

@@ -23,8 +23,9 @@ posterior on a grid); Grinyak et al. 2018 (level model).
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import TypeAlias
 
 import numpy as np
 from numba import njit
@@ -61,6 +62,14 @@ ROUNDS = 3
 """Reweightings of the offset; more change it by less than a tenth of a decibel."""
 
 
+Costs: TypeAlias = Callable[[FloatArray, FloatArray], FloatArray]
+"""From x and y of places (n,), m, to -2 log-likelihoods (n,)."""
+
+LossMaps: TypeAlias = Sequence[FloatArray] | FloatArray
+"""Per anchor the map of what walls take (see `app.core.radio.wall_losses`); `stacked`, they are
+copied only once."""
+
+
 @dataclass(frozen=True, slots=True)
 class PhoneOffset:
     """What is believed of how much more a phone hears than the calibrated one, dB."""
@@ -94,11 +103,22 @@ class LocalLevels:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlacePosterior:
-    """Mean (2,) and covariance (2, 2) of the place; the phone's offset at that place."""
+    """What levels tell of the place.
+
+    Attributes
+    ----------
+    mean : (2,)
+    covariance : (2, 2)
+    offset
+        The phone's, at the mean.
+    log_evidence_ratio
+        Logarithm of the levels' likelihood (see `costs_of`) averaged over where phones are.
+    """
 
     mean: FloatArray
     covariance: FloatArray
     offset: PhoneOffset
+    log_evidence_ratio: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -136,7 +156,7 @@ def local_levels(window: Window, model: LevelModel, correlation: float) -> Local
 def place_posterior(
     levels: LocalLevels,
     model: LevelModel,
-    loss_db: Sequence[FloatArray],
+    loss_db: LossMaps,
     offset: PhoneOffset,
     prior: PlacePrior,
     fault: FloatArray | None = None,
@@ -156,35 +176,54 @@ def place_posterior(
     fault : (anchors heard,)
         Probability that an anchor is at fault; `USUAL_FAULT` where nothing is known.
     """
+    level_costs = costs_of(levels, model, loss_db, offset, fault)
+
+    def costs_at(x_m: FloatArray, y_m: FloatArray) -> FloatArray:
+        return level_costs(x_m, y_m) + _prior_costs(prior.box, prior.plan_m, x_m, y_m)
+
+    mean, covariance, log_integral = spread_over(prior.box, costs_at, CELLS)
+    found = offset_at(levels, model, loss_db, offset, mean)
+    return PlacePosterior(mean, covariance, found, log_integral - math.log(_prior_m2(prior)))
+
+
+def costs_of(
+    levels: LocalLevels,
+    model: LevelModel,
+    loss_db: LossMaps,
+    offset: PhoneOffset,
+    fault: FloatArray | None = None,
+) -> Costs:
+    """Return what levels say of places, whatever is known of those: see `place_posterior`.
+
+    What does not depend on the place is left out, so only differences mean something.
+    """
     if fault is None:
         fault = np.full(len(levels.anchor_index), USUAL_FAULT)
     heard = _as_seen_now(levels, model)
-    seen = (levels.level_dbm - offset.mean_db, levels.sigma_db**-2.0, _stacked(loss_db))
+    seen = (levels.level_dbm - offset.mean_db, levels.sigma_db**-2.0, stacked(loss_db))
     # Odds of a fault where the level is just the expected one.
     odds = fault / (1.0 - fault) * np.sqrt(2.0 * np.pi) * levels.sigma_db / SPAN_DB
     information = np.inf if offset.sigma_db == 0.0 else offset.sigma_db**-2.0
 
     def costs_at(x_m: FloatArray, y_m: FloatArray) -> FloatArray:
-        return _costs_at(seen, heard, (prior.box, prior.plan_m), (odds, information), x_m, y_m)
+        return _level_costs(seen, heard, (odds, information), x_m, y_m)
 
-    mean, covariance = spread_over(prior.box, costs_at, CELLS)
-    found = offset_at(levels, model, loss_db, offset, mean)
-    return PlacePosterior(mean, covariance, found)
+    return costs_at
 
 
 def residuals_db(
-    levels: LocalLevels, model: LevelModel, loss_db: Sequence[FloatArray], place: FloatArray
+    levels: LocalLevels, model: LevelModel, loss_db: LossMaps, place: FloatArray
 ) -> FloatArray:
     """Return measured minus expected level (anchors,) at a place (2,), for a phone of offset 0."""
     return np.asarray(residuals_at(levels, model, loss_db, place[None, :])[0])
 
 
 def residuals_at(
-    levels: LocalLevels, model: LevelModel, loss_db: Sequence[FloatArray], places: FloatArray
+    levels: LocalLevels, model: LevelModel, loss_db: LossMaps, places: FloatArray
 ) -> FloatArray:
     """Return the same for several places (places, 2): (places, anchors)."""
     heard = _as_seen_now(levels, model)
-    seen = (levels.level_dbm, levels.sigma_db, _stacked(loss_db))
+    seen = (levels.level_dbm, levels.sigma_db, stacked(loss_db))
     residual = np.empty((len(places), len(heard)))
     for row, (x_m, y_m) in zip(residual, places.tolist(), strict=True):
         _fill_residuals(seen, heard, x_m, y_m, row)
@@ -194,7 +233,7 @@ def residuals_at(
 def offset_at(
     levels: LocalLevels,
     model: LevelModel,
-    loss_db: Sequence[FloatArray],
+    loss_db: LossMaps,
     offset: PhoneOffset,
     place: FloatArray,
 ) -> PhoneOffset:
@@ -215,32 +254,48 @@ def _as_seen_now(levels: LocalLevels, model: LevelModel) -> FloatArray:
     return heard
 
 
-def _stacked(loss_db: Sequence[FloatArray]) -> FloatArray:
-    """Return the maps in one array (anchors, cells, cells)."""
+def stacked(loss_db: LossMaps) -> FloatArray:
+    """Return the maps in one array (anchors, cells, cells); one that is, as it is."""
+    if isinstance(loss_db, np.ndarray):
+        return loss_db
     cells = max(len(loss) for loss in loss_db)
     shape = (cells, cells)
     return np.array([loss if loss is not NO_LOSS else np.zeros(shape) for loss in loss_db])
 
 
+def _prior_m2(prior: PlacePrior) -> float:
+    """Return the area over which the place prior spreads: of its bell, or of the plan within."""
+    side_m = 2.0 * (prior.box[4:6] - prior.box[6]) + prior.box[6] * math.sqrt(2.0 * math.pi) / 3.0
+    plan_side_m = prior.plan_m[2:] - prior.plan_m[:2] + PLAN_SIGMA_M * math.sqrt(2.0 * math.pi)
+    return float(min(side_m.prod(), plan_side_m.prod()))
+
+
 @njit(cache=True)
-def _costs_at(
+def _prior_costs(
+    box: FloatArray, plan_m: FloatArray, x_m: FloatArray, y_m: FloatArray
+) -> FloatArray:  # pragma: no cover - compiled
+    costs = np.empty(len(x_m))
+    for m in range(len(x_m)):
+        off_x = max(plan_m[0] - x_m[m], x_m[m] - plan_m[2], 0.0) / PLAN_SIGMA_M
+        off_y = max(plan_m[1] - y_m[m], y_m[m] - plan_m[3], 0.0) / PLAN_SIGMA_M
+        costs[m] = outside_cost(box, x_m[m], y_m[m]) + off_x * off_x + off_y * off_y
+    return costs
+
+
+@njit(cache=True)
+def _level_costs(
     seen: tuple[FloatArray, FloatArray, FloatArray],
     heard: FloatArray,
-    prior: tuple[FloatArray, FloatArray],
     belief: tuple[FloatArray, float],
     x_m: FloatArray,
     y_m: FloatArray,
 ) -> FloatArray:  # pragma: no cover - compiled
     weight = seen[1]
-    box, plan_m = prior
     residual = np.empty(len(weight))
     costs = np.empty(len(x_m))
     for m in range(len(x_m)):
         _fill_residuals(seen, heard, x_m[m], y_m[m], residual)
-        off_x = max(plan_m[0] - x_m[m], x_m[m] - plan_m[2], 0.0) / PLAN_SIGMA_M
-        off_y = max(plan_m[1] - y_m[m], y_m[m] - plan_m[3], 0.0) / PLAN_SIGMA_M
-        costs[m] = _level_cost(residual, weight, belief) + outside_cost(box, x_m[m], y_m[m])
-        costs[m] += off_x * off_x + off_y * off_y
+        costs[m] = _level_cost(residual, weight, belief)
     return costs
 
 

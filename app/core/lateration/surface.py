@@ -220,13 +220,18 @@ def posterior_moments(surface: Surface) -> tuple[FloatArray, FloatArray]:
 
     The place prior is that of `costs_at`.
     """
-    return spread_over(surface[2], lambda x_m, y_m: costs_at(surface, x_m, y_m), FINE)
+    mean, covariance, _ = spread_over(
+        surface[2], lambda x_m, y_m: costs_at(surface, x_m, y_m), FINE
+    )
+    return mean, covariance
 
 
 def spread_over(
     box: FloatArray, costs_of: Callable[[FloatArray, FloatArray], FloatArray], cells: int
-) -> tuple[FloatArray, FloatArray]:
+) -> tuple[FloatArray, FloatArray, float]:
     """Return mean (2,) and covariance (2, 2) of ``exp(-C / 2)`` within a box, C of places (n,).
+
+    The third is the logarithm of its integral, m².
 
     The grid is laid twice: over the whole box, then over the part that the posterior occupies. A
     cell's own extent is part of the covariance.
@@ -234,12 +239,16 @@ def spread_over(
     support = _support_of(costs_of(*places_in(box, cells)).reshape(cells, cells), box)
     places = np.stack(places_in(support, cells))
     costs = costs_of(places[0], places[1])
-    weights = np.exp(-0.5 * (costs - costs.min()))
-    weights /= weights.sum()
+    least = costs.min()
+    weights = np.exp(-0.5 * (costs - least))
+    total = float(weights.sum())
+    weights /= total
     mean = places @ weights
     apart = places - mean[:, None]
     cell2 = max(support[4], support[5]) ** 2 / (3.0 * cells * cells)
-    return mean, (apart * weights) @ apart.T + cell2 * np.eye(2)
+    covariance = (apart * weights) @ apart.T + cell2 * np.eye(2)
+    cell_m2 = 4.0 * support[4] * support[5] / (cells * cells)
+    return mean, covariance, math.log(total * cell_m2) - 0.5 * float(least)
 
 
 def _support_of(costs: FloatArray, box: FloatArray) -> FloatArray:
