@@ -177,8 +177,8 @@ class ReportParams:
         heavier tails than the cloud of particles; scans of one place err alike, so they do not
         average out as it takes them to; and map and truth have errors of their own. Fitted on
         ms2020's tuning walks with all of the map, half and a quarter: 94 to 97 % of the truth
-        within ``radius95_m``, in every decile of the radius 86 % or more (without the share 93 % and
-        84 % on thin maps, no narrower on full ones).
+        within ``radius95_m``, in every decile of the radius 86 % or more (without the share 93 %
+        and 84 % on thin maps, no narrower on full ones).
     laterated_s, laterated_scale, laterated_extra_m2
         The same where anchors have told the place within so many seconds: a fix's covariance says
         how it errs and for how long alike, and anchors are surveyed better than maps. Chosen on
