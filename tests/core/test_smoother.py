@@ -5,15 +5,15 @@ import dataclasses
 import numpy as np
 import pytest
 from filterpy.kalman import KalmanFilter
-from wifi_hall import PACE_MPS, START_S, hall, walked
+from wifi_hall import PACE_MPS, START_S, STEP_S, hall, walked
 
-from app.core.engine import advance, finish, smoothed, start
+from app.core.engine import advance, finish, in_order, smoothed, start
 from app.core.fusion.sighting import Sighting
 from app.core.fusion.smoother import Leg, Path, smooth
 from app.core.geometry import Walkable
 from app.core.params import Params
 from app.core.simulate import walk, warehouse
-from app.core.types import Method, TrackPoint, WifiScan
+from app.core.types import Method, Pedometer, Steps, TrackPoint, WifiScan
 
 PARAMS = Params()
 PLAIN = dataclasses.replace(PARAMS.smoother, student_dof=1e12, noise_ratio=1.0, passes=8)
@@ -124,6 +124,22 @@ def test_an_even_walk_has_even_seconds():
     ahead = walked([(2.0, 20.0), (38.0, 20.0)], np.random.default_rng(1), 28.0)
     seconds = smoothed(ahead, hall(), PARAMS)[2:-1]
     assert np.diff([p.x_m for p in seconds]) == pytest.approx(PACE_MPS, rel=0.25)
+
+
+def test_strides_that_a_pedometer_tells_late_lie_between_the_scans_they_were_taken_between():
+    told = walked([(2.0, 20.0), (38.0, 20.0)], np.random.default_rng(1), 28.0)
+    scans = [one for one in told if isinstance(one, WifiScan)]
+    length_m, each_s = PACE_MPS * STEP_S, 11 * STEP_S
+    at_once = [Steps(START_S + i * STEP_S, 1, length_m) for i in range(45)]
+    late = [
+        Pedometer(START_S + i * each_s, START_S + (i + 1) * each_s, 11, 11 * length_m)
+        for i in range(4)
+    ]
+    there, here = (
+        [(p.x_m, p.y_m) for p in smoothed(in_order([*scans, *steps]), hall(), PARAMS)]
+        for steps in (at_once, [at_once[0], *late])
+    )
+    np.testing.assert_allclose(here, there, atol=0.01)
 
 
 def off_by(scan, rng, sigma_db):

@@ -36,13 +36,9 @@ STRIDE_S = 1.0
 
 @dataclass(slots=True)
 class _History:
-    """What the fold left: legs of the path, and the floor beliefs.
-
-    ``sighted`` counts the sightings up to and with each leg.
-    """
+    """What the fold left: legs of the path, and the floor belief after each sighting."""
 
     legs: list[Leg] = field(default_factory=list)
-    sighted: list[int] = field(default_factory=list)
     beliefs: list[FloatArray] = field(default_factory=list)
 
 
@@ -96,9 +92,7 @@ def _remember(history: _History, state: SessionState, time_s: float) -> None:
         none = np.empty(0)
         legs.append(Leg(time_s, none, none, evidence.drift_m2, evidence.sighting, None))
         history.beliefs.append(state.floor_belief)
-    for leg in legs:
-        history.legs.append(leg)
-        history.sighted.append(len(history.beliefs))
+    history.legs.extend(legs)
 
 
 def _beginning(outputs: list[Output], first: TrackPoint, report: ReportParams) -> list[TrackPoint]:
@@ -130,11 +124,13 @@ def _placed(
 ) -> tuple[TrackPoint, ...]:
     site, params = world
     floors = _smoothed_floors(history, params)
+    ordered = _in_order(history.legs)
+    sighted = np.cumsum([leg.sighting is not None for leg in ordered]).tolist()
     # Strides before the first sighting are on its floor.
-    floor_of = [floors[max(count - 1, 0)] for count in history.sighted]
+    floor_of = [floors[max(count - 1, 0)] for count in sighted]
     legs = [
         replace(leg, walkable=site.floors[int(np.argmax(belief))].walkable)
-        for leg, belief in zip(history.legs, floor_of, strict=True)
+        for leg, belief in zip(ordered, floor_of, strict=True)
     ]
     path = _path(legs, [ground_of(belief, site) for belief in floor_of], params.fusion, smoother)
     times = [leg.time_s for leg in legs]
@@ -150,6 +146,14 @@ def _placed(
         moved = _moved(point, place, spread)
         placed.append(_on_floor(moved, floor_of[at], site))
     return tuple(placed)
+
+
+def _in_order(legs: list[Leg]) -> list[Leg]:
+    """Return legs by their time: a pedometer tells strides after scans that were made among them.
+
+    At equal times strides come first, as in the fold.
+    """
+    return sorted(legs, key=lambda leg: (leg.time_s, leg.sighting is not None))
 
 
 def _on_the_way(points: list[TrackPoint], legs: list[Leg], path: Path) -> FloatArray:
