@@ -126,6 +126,15 @@ def test_an_even_walk_has_even_seconds():
     assert np.diff([p.x_m for p in seconds]) == pytest.approx(PACE_MPS, rel=0.25)
 
 
+def test_who_takes_a_stride_after_a_rest_stood_until_then():
+    began_s, over_s = START_S + 10.0, START_S + 20.0
+    told = walked([(2.0, 20.0), (38.0, 20.0)], np.random.default_rng(1), 28.0)
+    rested = [one for one in told if not began_s < one.time_s < over_s]
+    stood = [p for p in smoothed(rested, hall(), PARAMS) if began_s < p.time_s < over_s - 1.0]
+    assert len(stood) > 5
+    assert {(p.x_m, p.y_m) for p in stood} == {(stood[0].x_m, stood[0].y_m)}
+
+
 def test_strides_that_a_pedometer_tells_late_lie_between_the_scans_they_were_taken_between():
     told = walked([(2.0, 20.0), (38.0, 20.0)], np.random.default_rng(1), 28.0)
     scans = [one for one in told if isinstance(one, WifiScan)]
