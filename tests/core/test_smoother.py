@@ -174,6 +174,22 @@ def test_a_stored_track_is_less_sure_where_the_map_hardly_knew_what_was_heard():
     assert hardly > 1.2 * known
 
 
+def test_a_stored_track_among_beacons_claims_no_less_than_it_knows(world):
+    among = dataclasses.replace(world.site, radio_map=None)
+    known, causal = [], []
+    for seed in range(3):
+        walked = walk(world, seed, start_s=T0, duration_s=60.0)
+        track = smoothed(walked.observations, among, PARAMS)
+        radii_m = np.array([p.radius95_m for p in track])
+        assert np.mean(errors(track, walked) <= radii_m) > 0.95
+        known += radii_m.tolist()
+        state = start()
+        for observation in walked.observations:
+            state, outputs = advance(state, observation, among, PARAMS)
+            causal += [p.radius95_m for p in outputs if isinstance(p, TrackPoint)]
+    assert np.mean(known) < 1.5 * np.mean(causal)
+
+
 def test_a_session_without_any_fix_has_no_track(world):
     walked = walk(world, 1, start_s=T0, duration_s=20.0)
     deaf = [o for o in walked.observations if not hasattr(o, "readings")]
