@@ -5,15 +5,15 @@ import dataclasses
 import numpy as np
 import pytest
 from filterpy.kalman import KalmanFilter
-from wifi_hall import PACE_MPS, START_S, hall, walked
+from wifi_hall import PACE_MPS, START_S, STEP_S, hall, walked
 
-from app.core.engine import advance, finish, smoothed, start
+from app.core.engine import advance, finish, in_order, smoothed, start
 from app.core.fusion.sighting import Sighting
 from app.core.fusion.smoother import Leg, Path, smooth
 from app.core.geometry import Walkable
 from app.core.params import Params
 from app.core.simulate import walk, warehouse
-from app.core.types import Method, TrackPoint, WifiScan
+from app.core.types import Method, Pedometer, Steps, TrackPoint, WifiScan
 
 PARAMS = Params()
 PLAIN = dataclasses.replace(PARAMS.smoother, student_dof=1e12, noise_ratio=1.0, passes=8)
@@ -126,6 +126,31 @@ def test_an_even_walk_has_even_seconds():
     assert np.diff([p.x_m for p in seconds]) == pytest.approx(PACE_MPS, rel=0.25)
 
 
+def test_who_takes_a_stride_after_a_rest_stood_until_then():
+    began_s, over_s = START_S + 10.0, START_S + 20.0
+    told = walked([(2.0, 20.0), (38.0, 20.0)], np.random.default_rng(1), 28.0)
+    rested = [one for one in told if not began_s < one.time_s < over_s]
+    stood = [p for p in smoothed(rested, hall(), PARAMS) if began_s < p.time_s < over_s - 1.0]
+    assert len(stood) > 5
+    assert {(p.x_m, p.y_m) for p in stood} == {(stood[0].x_m, stood[0].y_m)}
+
+
+def test_strides_that_a_pedometer_tells_late_lie_between_the_scans_they_were_taken_between():
+    told = walked([(2.0, 20.0), (38.0, 20.0)], np.random.default_rng(1), 28.0)
+    scans = [one for one in told if isinstance(one, WifiScan)]
+    length_m, each_s = PACE_MPS * STEP_S, 11 * STEP_S
+    at_once = [Steps(START_S + i * STEP_S, 1, length_m) for i in range(45)]
+    late = [
+        Pedometer(START_S + i * each_s, START_S + (i + 1) * each_s, 11, 11 * length_m)
+        for i in range(4)
+    ]
+    there, here = (
+        [(p.x_m, p.y_m) for p in smoothed(in_order([*scans, *steps]), hall(), PARAMS)]
+        for steps in (at_once, [at_once[0], *late])
+    )
+    np.testing.assert_allclose(here, there, atol=0.01)
+
+
 def off_by(scan, rng, sigma_db):
     readings = [
         dataclasses.replace(one, rssi_dbm=one.rssi_dbm + rng.normal(0.0, sigma_db))
@@ -147,6 +172,22 @@ def test_a_stored_track_is_less_sure_where_the_map_hardly_knew_what_was_heard():
         for late in (False, True)
     )
     assert hardly > 1.2 * known
+
+
+def test_a_stored_track_among_beacons_claims_no_less_than_it_knows(world):
+    among = dataclasses.replace(world.site, radio_map=None)
+    known, causal = [], []
+    for seed in range(3):
+        walked = walk(world, seed, start_s=T0, duration_s=60.0)
+        track = smoothed(walked.observations, among, PARAMS)
+        radii_m = np.array([p.radius95_m for p in track])
+        assert np.mean(errors(track, walked) <= radii_m) > 0.95
+        known += radii_m.tolist()
+        state = start()
+        for observation in walked.observations:
+            state, outputs = advance(state, observation, among, PARAMS)
+            causal += [p.radius95_m for p in outputs if isinstance(p, TrackPoint)]
+    assert np.mean(known) < 1.5 * np.mean(causal)
 
 
 def test_a_session_without_any_fix_has_no_track(world):

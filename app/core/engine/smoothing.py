@@ -36,14 +36,15 @@ STRIDE_S = 1.0
 
 @dataclass(slots=True)
 class _History:
-    """What the fold left: legs of the path, and the floor beliefs.
+    """What the fold left: legs of the path, and of each sighting the floor belief after it.
 
-    ``sighted`` counts the sightings up to and with each leg.
+    ``shared_m2`` is the variance per axis in which it errs as its neighbours do: that of a scan's
+    candidates about the truth, and none of what anchors told, whose R is not of that kind.
     """
 
     legs: list[Leg] = field(default_factory=list)
-    sighted: list[int] = field(default_factory=list)
     beliefs: list[FloatArray] = field(default_factory=list)
+    shared_m2: list[float] = field(default_factory=list)
 
 
 def smoothed(
@@ -96,9 +97,10 @@ def _remember(history: _History, state: SessionState, time_s: float) -> None:
         none = np.empty(0)
         legs.append(Leg(time_s, none, none, evidence.drift_m2, evidence.sighting, None))
         history.beliefs.append(state.floor_belief)
-    for leg in legs:
-        history.legs.append(leg)
-        history.sighted.append(len(history.beliefs))
+        xx, _, yy = evidence.sighting.noise_m2
+        laterated = evidence.means is Method.LATERATION
+        history.shared_m2.append(0.0 if laterated else 0.5 * (xx + yy))
+    history.legs.extend(legs)
 
 
 def _beginning(outputs: list[Output], first: TrackPoint, report: ReportParams) -> list[TrackPoint]:
@@ -130,26 +132,37 @@ def _placed(
 ) -> tuple[TrackPoint, ...]:
     site, params = world
     floors = _smoothed_floors(history, params)
+    ordered = _in_order(history.legs)
+    sighted = np.cumsum([leg.sighting is not None for leg in ordered]).tolist()
     # Strides before the first sighting are on its floor.
-    floor_of = [floors[max(count - 1, 0)] for count in history.sighted]
+    of_sighting = [max(count - 1, 0) for count in sighted]
+    floor_of = [floors[i] for i in of_sighting]
     legs = [
         replace(leg, walkable=site.floors[int(np.argmax(belief))].walkable)
-        for leg, belief in zip(history.legs, floor_of, strict=True)
+        for leg, belief in zip(ordered, floor_of, strict=True)
     ]
     path = _path(legs, [ground_of(belief, site) for belief in floor_of], params.fusion, smoother)
     times = [leg.time_s for leg in legs]
     told_s = next(leg.time_s for leg in legs if leg.sighting is not None)
-    scan_m2 = _sighted_m2(legs)
     placed = []
     for point, place in zip(points, _on_the_way(points, legs, path), strict=True):
         at = max(bisect_right(times, point.time_s) - 1, 0)
         unseen_m2 = params.fusion.unseen_m2ps * max(told_s - point.time_s, 0.0)
         covariance = path.covariance[at] + unseen_m2 * np.eye(2)
-        extra_m2 = smoother.extra_variance_m2 + smoother.sighted_share * scan_m2[at]
+        shared_m2 = smoother.sighted_share * history.shared_m2[of_sighting[at]]
+        extra_m2 = smoother.extra_variance_m2 + shared_m2
         spread = calibrated(covariance, smoother.covariance_scale, extra_m2)
         moved = _moved(point, place, spread)
         placed.append(_on_floor(moved, floor_of[at], site))
     return tuple(placed)
+
+
+def _in_order(legs: list[Leg]) -> list[Leg]:
+    """Return legs by their time: a pedometer tells strides after scans that were made among them.
+
+    At equal times strides come first, as in the fold.
+    """
+    return sorted(legs, key=lambda leg: (leg.time_s, leg.sighting is not None))
 
 
 def _on_the_way(points: list[TrackPoint], legs: list[Leg], path: Path) -> FloatArray:
@@ -192,17 +205,6 @@ def _smoothed_floors(history: _History, params: Params) -> list[FloatArray]:
         out[i] = history.beliefs[i] * backward
         out[i] /= out[i].sum()
     return out
-
-
-def _sighted_m2(legs: list[Leg]) -> list[float]:
-    """Return for each leg the variance per axis of its last scan's candidates, or the first's."""
-    seen = [leg.sighting for leg in legs if leg.sighting is not None]
-    last, variance = seen[0], []
-    for leg in legs:
-        last = leg.sighting or last
-        xx, _, yy = last.noise_m2
-        variance.append(0.5 * (xx + yy))
-    return variance
 
 
 def _moved(point: TrackPoint, place: FloatArray, spread: Noise) -> TrackPoint:

@@ -68,16 +68,31 @@ class MatchIndex:
         return _joined(self.access_point, levels.column, share, power)
 
 
-@derived()
 def match_index(radio_map: RadioMap, params: MatchParams) -> MatchIndex:
-    """Return the map's index for these parameters; computed once per map."""
+    """Return the map's index for these parameters; computed once per map and what it is made by.
+
+    So those who ask for more candidates, or wait longer for Wi-Fi, share one.
+    """
+    wifi = params.wifi_floor_dbm, params.sorensen_exponent, params.cosine_exponent
+    return index_made(radio_map, wifi, (params.ble_floor_dbm, params.ble_exponent), params.crowd_m)
+
+
+@derived()
+def index_made(
+    radio_map: RadioMap,
+    wifi: tuple[float, float, float],
+    ble: tuple[float, float],
+    crowd_m: float,
+) -> MatchIndex:
+    """Return the index by the floor (dBm) and exponents of each kind's representation."""
+    floor_dbm, sorensen_exponent, cosine_exponent = wifi
     is_ble = radio_map.radio[radio_map.column] == BLE
     share = np.where(
         is_ble,
-        represent(radio_map.rssi_dbm, params.ble_floor_dbm, params.ble_exponent),
-        represent(radio_map.rssi_dbm, params.wifi_floor_dbm, params.sorensen_exponent),
+        represent(radio_map.rssi_dbm, *ble),
+        represent(radio_map.rssi_dbm, floor_dbm, sorensen_exponent),
     )
-    power = represent(radio_map.rssi_dbm, params.wifi_floor_dbm, params.cosine_exponent)
+    power = represent(radio_map.rssi_dbm, floor_dbm, cosine_exponent)
     rows = np.repeat(np.arange(radio_map.rows), np.diff(radio_map.row_start))
     share_sum = np.stack(
         [
@@ -98,7 +113,7 @@ def match_index(radio_map: RadioMap, params: MatchParams) -> MatchIndex:
         power=np.sqrt(np.bincount(which, power**2, len(entry))),
         share_sum=share_sum,
         power_norm=np.sqrt(np.bincount(rows, power**2 * ~is_ble, radio_map.rows)),
-        crowd=_crowd(radio_map, params.crowd_m, has_wifi),
+        crowd=_crowd(radio_map, crowd_m, has_wifi),
         virtual=is_virtual(radio_map).astype(np.float64),
     )
 

@@ -17,6 +17,9 @@ from app.core.types import FloatArray, IntArray
 LEAST_SORENSEN = 0.05
 """Two scans of one place, one after the other, are no more alike than this."""
 
+MANY = 500
+"""For more rows than this all are sorted: putting each into its place takes k times as long."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Matches:
@@ -119,6 +122,8 @@ def _nearest_of_all(
 @njit(cache=True)
 def _nearest(distance: FloatArray, k: int) -> IntArray:  # pragma: no cover - compiled
     """Return the k rows of least distance, nearest first; of equal ones the first."""
+    if k > MANY:
+        return np.argsort(distance, kind="mergesort")[:k]
     nearest, least = np.zeros(k, np.int64), np.full(k, np.inf)
     for r in range(len(distance)):
         if distance[r] < least[k - 1]:

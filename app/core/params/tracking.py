@@ -111,7 +111,8 @@ class SmootherParams:
         than this (a ridge between two corridors) neither side is right.
     covariance_scale, sighted_share, extra_variance_m2
         As in `ReportParams`, for smoothed points: with a quarter of ms2020's map 93 % of the truth
-        lie within their radius (without the share 74 %), with all of it 96 %.
+        lie within their radius (without the share 74 %), with all of it 96 %. Where anchors told
+        the place there is no share.
     """
 
     wifi_start_s: float = 0.0
