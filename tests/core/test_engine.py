@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from app.core.changed import changed
-from app.core.engine import PROFILES, advance, finish, in_order, order_key, smoothed, start
+from app.core.engine import PROFILES, advance, finish, in_order, order_key, start
 from app.core.engine.order import Content
 from app.core.engine.report import radius95_m
 from app.core.fingerprint.radio_map import Fingerprint, build_radio_map
@@ -200,16 +200,6 @@ def test_a_phone_without_wifi_is_placed_by_beacons_after_a_while(small_site):
     assert placed
     assert placed[0] - T0 >= PARAMS.match.wifi_start_s
     assert abs(outputs[-1].x_m) < 3.0
-
-
-def test_a_stored_track_does_not_wait_for_wifi(small_site):
-    readings = tuple(Reading((f"mac:b{i:011x}",), -50.0 - 8.0 * i) for i in range(3))
-    scans = [*(BleScan(T0 + i, readings) for i in range(3)), scan_of(HEARD, T0 + 2.5)]
-    _, outputs = fold(scans, small_site)
-    assert all(isinstance(o, NoFix) for o in outputs)
-    track = smoothed(scans, small_site, PARAMS)
-    assert track[0].time_s == T0
-    assert track[0].method is Method.FINGERPRINT
 
 
 def swinging(second):

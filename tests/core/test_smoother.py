@@ -16,7 +16,7 @@ from app.core.simulate import walk, warehouse
 from app.core.types import Method, Pedometer, Steps, TrackPoint, WifiScan
 
 PARAMS = Params()
-PLAIN = dataclasses.replace(PARAMS.smoother, student_dof=1e12, noise_ratio=1.0, passes=8)
+PLAIN = dataclasses.replace(PARAMS.smoother, noise_ratio=1.0, passes=8)
 ONCE = dataclasses.replace(PLAIN, passes=1)
 T0 = 1_700_000_000.0
 NONE = np.empty(0)

@@ -5,7 +5,7 @@ import sys
 
 from app.core import engine
 from app.core.engine.anchoring import anchor_floors, anchor_levels, wall_loss_db
-from app.core.engine.match_noise import ratio_learned
+from app.core.engine.match_noise import noise_ratio
 from app.core.engine.standing import grounds
 from app.core.fingerprint.match_index import index_made
 from app.core.params import Params
@@ -53,7 +53,7 @@ def test_a_walk_at_a_prepared_site_works_nothing_of_it_out() -> None:
     radio_map = world.site.radio_map
     assert radio_map is not None
     engine.prepare(world.site, Params())
-    of_map = (index_made, ratio_learned)
+    of_map = (index_made, noise_ratio)
     of_site = (grounds, anchor_floors, anchor_levels, wall_loss_db)
 
     def kept() -> list[int]:

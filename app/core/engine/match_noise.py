@@ -16,7 +16,6 @@ are taken for another wing's, however good the map is.
 """
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
@@ -56,15 +55,9 @@ def match_variance_m2(
     return fusion.noise_m2 * (1.0 + ratio * fusion.noise_sorensen * nearest_sorensen**4)
 
 
+@derived()
 def noise_ratio(radio_map: RadioMap, match: MatchParams, fusion: FusionParams) -> float:
     """Return q, 1 for a map with too few scans to tell; computed once per map."""
-    # A stored track does not wait for Wi-Fi; the map is the same to it.
-    return ratio_learned(radio_map, replace(match, wifi_start_s=0.0), fusion)
-
-
-@derived()
-def ratio_learned(radio_map: RadioMap, match: MatchParams, fusion: FusionParams) -> float:
-    """Return q, asked of the map."""
     heard = radio_map.of_rows(~is_virtual(radio_map))
     ratios = []
     for row, query, matches in left_out_matches(heard, match, ASKED):

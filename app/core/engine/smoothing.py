@@ -6,8 +6,7 @@ them: particles from both ends (`app.core.fusion.both_ways`), and a Kalman smoot
 with the path of those (`app.core.fusion.smoother`). One knows ways and keeps several places alive,
 the other keeps one bias and one step length over the whole walk, and they err apart.
 
-A stored track has time: it takes what beacons alone told before the first Wi-Fi scan, which is too
-little to answer by, and places a second between two strides on the way from one to the other.
+A second between two strides is placed on the way from one to the other.
 """
 
 import math
@@ -63,7 +62,6 @@ def smoothed(
         At the seconds, and the end, at which the causal track has a point, and at those before its
         first one that what came later tells; that track itself where the profile has no smoother.
     """
-    params = _unhurried(params)
     state, history = start(), _History()
     outputs: list[Output] = []
     for observation in observations:
@@ -78,13 +76,6 @@ def smoothed(
         return tuple(points)
     points = _beginning(outputs, points[0], params.report) + points
     return _placed(points, history, (site, params), params.smoother)
-
-
-def _unhurried(params: Params) -> Params:
-    if params.smoother is None:
-        return params
-    match = replace(params.match, wifi_start_s=params.smoother.wifi_start_s)
-    return replace(params, match=match)
 
 
 def _remember(history: _History, state: SessionState, time_s: float) -> None:

@@ -148,7 +148,7 @@ class SessionState:
     stride
         The last stride taken, turned by the filter's heading bias.
     told_s
-        When the position was last told by a scan; -inf before.
+        When the position was last told by a scan; None before.
     sighted_m2
         Variance per axis of that scan's candidates about the truth; None where fixes have none.
     evidence

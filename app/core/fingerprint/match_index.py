@@ -71,7 +71,7 @@ class MatchIndex:
 def match_index(radio_map: RadioMap, params: MatchParams) -> MatchIndex:
     """Return the map's index for these parameters; computed once per map and what it is made by.
 
-    So those who ask for more candidates, or wait longer for Wi-Fi, share one.
+    So those who ask for more candidates share one.
     """
     wifi = params.wifi_floor_dbm, params.sorensen_exponent, params.cosine_exponent
     return index_made(radio_map, wifi, (params.ble_floor_dbm, params.ble_exponent), params.crowd_m)

@@ -68,7 +68,7 @@ def smooth(legs: list[Leg], guess: Path, params: SmootherParams) -> Path:
     prior = np.diag(
         [params.start_m**2, params.start_m**2, params.bias_prior_rad**2, params.scale_prior**2]
     )
-    noise = (params.along_m**2, params.cross_m**2, params.bias_walk_rad**2, params.student_dof)
+    noise = (params.along_m**2, params.cross_m**2, params.bias_walk_rad**2)
     start = np.zeros(4)
     for i in range(params.passes):
         start[:2] = path.place[0]
@@ -139,7 +139,7 @@ def _smooth(
     strides: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
     measured: tuple[FloatArray, FloatArray],
     start: tuple[FloatArray, FloatArray],
-    noise: tuple[float, float, float, float],
+    noise: tuple[float, float, float],
 ) -> tuple[FloatArray, FloatArray]:  # pragma: no cover - compiled
     length, heading, first, drift = strides
     seen, pull = measured
@@ -155,10 +155,10 @@ def _smooth(
         for j in range(4):
             transition[k, j, j] = 1.0
         for i in range(int(first[k]), int(first[k + 1])):
-            take_stride(m, p, transition[k], (length[i], heading[i]), noise[:3])
+            take_stride(m, p, transition[k], (length[i], heading[i]), noise)
         p[0, 0] += drift[k]
         p[1, 1] += drift[k]
-        _sight(m, p, seen[k], noise[3], (back[k, 0], gained[k, 0], told[k, 0]))
+        _sight(m, p, seen[k], (back[k, 0], gained[k, 0], told[k, 0]))
         _draw(m, p, pull[k], (back[k, 1], gained[k, 1], told[k, 1]))
         _keep(m, p, mean[k], covariance[k])
     information, gradient = np.zeros((4, 4)), np.zeros(4)
@@ -190,7 +190,6 @@ def _sight(
     m: FloatArray,
     p: FloatArray,
     seen: FloatArray,
-    student_dof: float,
     kept: tuple[FloatArray, FloatArray, FloatArray],
 ) -> None:  # pragma: no cover - compiled
     back, gained, told = kept
@@ -200,9 +199,6 @@ def _sight(
         return
     dx, dy = seen[0] - m[0], seen[1] - m[1]
     sxx, sxy, syy = p[0, 0] + seen[2], p[0, 1] + seen[3], p[1, 1] + seen[4]
-    nis = (syy * dx * dx - 2.0 * sxy * dx * dy + sxx * dy * dy) / (sxx * syy - sxy * sxy)
-    wider = max(1.0, (student_dof + nis) / (student_dof + 2.0))
-    sxx, sxy, syy = p[0, 0] + wider * seen[2], p[0, 1] + wider * seen[3], p[1, 1] + wider * seen[4]
     det = sxx * syy - sxy * sxy
     ixx, ixy, iyy = syy / det, -sxy / det, sxx / det
     rows = p[:2].copy()

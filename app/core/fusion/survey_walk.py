@@ -25,7 +25,7 @@ from app.core.types import BoolArray, FloatArray, IntArray
 
 def _tied() -> SmootherParams:
     # Nobody walks through these waypoints but the surveyor: no outliers, no second candidates.
-    return SmootherParams(passes=1, noise_ratio=1.0, student_dof=1e9)
+    return SmootherParams(passes=1, noise_ratio=1.0)
 
 
 @dataclass(frozen=True, slots=True)

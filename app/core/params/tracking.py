@@ -81,9 +81,6 @@ class SmootherParams:
 
     Attributes
     ----------
-    wifi_start_s
-        As in `MatchParams`: a finished track need not wait, since later scans correct the first
-        ones (ms2020: with what beacons alone told there it is 2 % better).
     tempering, way_weight
         As in `FusionParams`, for particles that follow the walk from both its ends: each scan
         counts twice, and what is known from there leaves more to the ways.
@@ -99,8 +96,6 @@ class SmootherParams:
         As in `FusionParams`, for a filter that is normal: wider, in place of its heavy tails.
     noise_ratio
         Covariance of a sighting over that of the filter, which keeps single candidates apart.
-    student_dof
-        Degrees of freedom of the Student weight: errors of fixes have heavy tails.
     gate_m2
         Added to the path's covariance when it weighs candidates.
     off_floor_m, pull_m
@@ -115,7 +110,6 @@ class SmootherParams:
         the place there is no share.
     """
 
-    wifi_start_s: float = 0.0
     tempering: float = 0.3
     way_weight: float = 0.12
     both_ways_share: float = 0.5
@@ -127,7 +121,6 @@ class SmootherParams:
     along_m: float = 0.35
     cross_m: float = 0.2
     noise_ratio: float = 16.0
-    student_dof: float = 8.0
     gate_m2: float = 10.0
     off_floor_m: float = 0.5
     pull_m: float = 2.0
