@@ -14,6 +14,7 @@ from rich.table import Table
 from app.cli.errors import CommandError
 from app.cli.evaluate_output import JsonOption
 from app.cli.files import write_file
+from app.cli.usable_walks import usable_walks
 from app.core.fusion.blending import Three
 from app.core.fusion.blending_weights import Unidentified, WeightFit
 from app.formats.ms2020 import Trace, floor_folder_of, read_trace
@@ -101,13 +102,7 @@ def _surveyed(paths: Sequence[Path], console: Console) -> Iterator[SurveyWalk]:
         console=console,
         transient=True,
     )
-    for path, walk in zip(paths, reading, strict=True):
-        if isinstance(walk, SurveyWalk):
-            yield walk
-        else:
-            console.print(
-                f"{floor_folder_of(path).name}/{path.name} is passed over: {walk}", style="yellow"
-            )
+    return usable_walks(paths, reading, console)
 
 
 def _print(found: FusionCalibration) -> None:

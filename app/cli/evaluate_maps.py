@@ -7,8 +7,9 @@ from typing import Annotated, TypeAlias
 import typer
 from rich.console import Console
 
-from app.cli.evaluate_ms2020 import chosen_building, usable_walks
+from app.cli.evaluate_ms2020 import chosen_building
 from app.cli.evaluate_output import JsonOption, give
+from app.cli.usable_walks import usable_walks
 from app.services.evaluation import ageing, single_scans, survey_report
 from app.services.evaluation.figures import Evaluation, Figures
 from app.services.evaluation.ms2020 import TEST, Split

@@ -12,8 +12,8 @@ from rich.progress import track
 
 from app.cli.errors import CommandError
 from app.cli.evaluate_output import JsonOption, give
+from app.cli.usable_walks import pass_over, usable_walks
 from app.core.engine import PROFILES
-from app.formats.ms2020 import floor_folder_of
 from app.formats.ms2020_site import BuildingFolder, BuildingFolderError, read_building
 from app.formats.ms2020_survey import SurveyWalk
 from app.services.evaluation import ms2020
@@ -126,13 +126,7 @@ def _followed(
             yield task, scored
         elif task.path not in said:
             said.add(task.path)
-            _pass_over(task.path, scored, console)
-
-
-def _pass_over(path: Path, reason: str, console: Console) -> None:
-    console.print(
-        f"{floor_folder_of(path).name}/{path.name} is passed over: {reason}", style="yellow"
-    )
+            pass_over(task.path, scored, console)
 
 
 def _walks(building: BuildingFolder, console: Console) -> list[SurveyWalk]:
@@ -145,14 +139,3 @@ def _walks(building: BuildingFolder, console: Console) -> list[SurveyWalk]:
         transient=True,
     )
     return list(usable_walks(paths, reading, console))
-
-
-def usable_walks(
-    paths: Sequence[Path], read: Iterable[SurveyWalk | str], console: Console
-) -> Iterable[SurveyWalk]:
-    """Yield the walks that can be used, and say of the others why not."""
-    for path, walk in zip(paths, read, strict=True):
-        if isinstance(walk, SurveyWalk):
-            yield walk
-        else:
-            _pass_over(path, walk, console)

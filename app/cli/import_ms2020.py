@@ -14,7 +14,8 @@ from rich.progress import track
 
 from app.cli.errors import CommandError
 from app.cli.local import CLOCK, DatabaseOption, local_database
-from app.formats.ms2020 import floor_folder_of, fold_of, trace_id_of
+from app.cli.usable_walks import usable_walks
+from app.formats.ms2020 import fold_of, trace_id_of
 from app.formats.ms2020_site import BuildingFolderError, read_building
 from app.formats.ms2020_survey import SurveyWalk, survey_walk_or_reason
 from app.services.building_import import (
@@ -81,25 +82,19 @@ def import_ms2020(
 
 def _read_walks(paths: Sequence[Path], console: Console) -> list[SurveyWalk]:
     """Read traces on all cores; those that cannot be used are named with their reason."""
-    walks: list[SurveyWalk] = []
-    for path, walk in track(
+    reading = track(
         _parsed(paths), "Reading walks", total=len(paths), console=console, transient=True
-    ):
-        if isinstance(walk, SurveyWalk):
-            walks.append(walk)
-        else:
-            console.print(
-                f"{floor_folder_of(path).name}/{path.name} is passed over: {walk}", style="yellow"
-            )
+    )
+    walks = list(usable_walks(paths, reading, console))
     if not walks:
         msg = "no walk in it can be used for a radio map; nothing was stored"
         raise CommandError(msg)
     return walks
 
 
-def _parsed(paths: Sequence[Path]) -> Iterator[tuple[Path, SurveyWalk | str]]:
+def _parsed(paths: Sequence[Path]) -> Iterator[SurveyWalk | str]:
     # Fresh interpreters: a fork would copy the progress display's thread half-way.
     context = multiprocessing.get_context("spawn")
     workers = min(os.cpu_count() or 1, math.ceil(len(paths) / _CHUNK))
     with ProcessPoolExecutor(max(workers, 1), mp_context=context) as pool:
-        yield from zip(paths, pool.map(survey_walk_or_reason, paths, chunksize=_CHUNK), strict=True)
+        yield from pool.map(survey_walk_or_reason, paths, chunksize=_CHUNK)

@@ -11,6 +11,7 @@ from app.core.engine.doubting import doubt, fault_of_heard, left_out
 from app.core.engine.fixing import believe, correct, may_scan_wifi, without
 from app.core.engine.place import place_of
 from app.core.engine.state import SessionState
+from app.core.engine.walking import is_motion_seen
 from app.core.engine.windowing import sense_velocity
 from app.core.fusion.particles import Particles, moments
 from app.core.fusion.sighting import Noise, Sighting
@@ -163,7 +164,7 @@ def _noise(
     """
     gone_m2 = 0.0
     walking = decided(state.motion, time_s, params.motion_mode).mode is MotionMode.WALKING
-    if walking and not _is_motion_seen(state, time_s, params):
+    if walking and not is_motion_seen(state, time_s, params):
         gone_m2 = 0.5 * (WALKING_SPEED_MPS * (time_s - float(levels.time_s.mean()))) ** 2
     (xx, xy), (_, yy) = found.covariance
     return alike * float(xx) + gone_m2, alike * float(xy), alike * float(yy) + gone_m2
@@ -198,14 +199,9 @@ def _way_m(state: SessionState, since_s: float, time_s: float, params: Params) -
     """Return how far the phone has gone, as far as shadowing is concerned."""
     elapsed_s, lateration = max(time_s - since_s, 0.0), params.lateration
     way_m = lateration.still_speed_mps * elapsed_s
-    if _is_motion_seen(state, time_s, params):
+    if is_motion_seen(state, time_s, params):
         return way_m + sum(stride.length_m for stride in state.walked if stride.time_s > since_s)
     return way_m + lateration.unseen_speed_mps * elapsed_s
-
-
-def _is_motion_seen(state: SessionState, time_s: float, params: Params) -> bool:
-    inertial = state.detector.end_s > time_s - params.fusion.sensor_gap_s
-    return inertial or state.phone_steps_s is not None
 
 
 def _moved_since(state: SessionState, time_s: FloatArray, params: Params) -> FloatArray:

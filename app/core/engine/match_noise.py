@@ -51,7 +51,10 @@ def match_variance_m2(
     if not query.wifi_dbm:
         # A few beacons resemble some fingerprint anywhere: D1² tells as much as can be told.
         return fusion.noise_m2 * (1.0 + fusion.noise_beacons_sorensen * nearest_sorensen**2)
-    ratio = noise_ratio(radio_map, match, fusion)
+    return _wifi_variance_m2(nearest_sorensen, noise_ratio(radio_map, match, fusion), fusion)
+
+
+def _wifi_variance_m2(nearest_sorensen: float, ratio: float, fusion: FusionParams) -> float:
     return fusion.noise_m2 * (1.0 + ratio * fusion.noise_sorensen * nearest_sorensen**4)
 
 
@@ -63,10 +66,10 @@ def noise_ratio(radio_map: RadioMap, match: MatchParams, fusion: FusionParams) -
     for row, query, matches in left_out_matches(heard, match, ASKED):
         if matches is None or not query.wifi_dbm or matches.nearest_sorensen < BADLY_KNOWN:
             continue
-        east_m = float(matches.weight @ matches.x_m) - heard.x_m[row]
-        north_m = float(matches.weight @ matches.y_m) - heard.y_m[row]
-        usual_m2 = fusion.noise_m2 * (1.0 + fusion.noise_sorensen * matches.nearest_sorensen**4)
-        ratios.append((east_m**2 + north_m**2) / (2.0 * math.log(2.0) * usual_m2))
+        apart_x_m = float(matches.weight @ matches.x_m) - heard.x_m[row]
+        apart_y_m = float(matches.weight @ matches.y_m) - heard.y_m[row]
+        usual_m2 = _wifi_variance_m2(matches.nearest_sorensen, 1.0, fusion)
+        ratios.append((apart_x_m**2 + apart_y_m**2) / (2.0 * math.log(2.0) * usual_m2))
     if len(ratios) < FEWEST:
         return 1.0
     return float(np.clip(np.median(ratios) / USUAL, LEAST, MOST))
